@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from beamtouch_models.places import on_axis
+
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 
 from shipped import build
@@ -109,9 +111,9 @@ def holding(model: ModelFile, found: Fit, real: Imperfections) -> dict[str, list
         truth[nominal.kinds["gain"]] -= RIGIDITY / GAIN * truth[nominal.kinds["rigidity"]]
     inside = np.abs(found.vector[: nominal.size] - truth) <= SIDES * found.spread[: nominal.size]
     places_mm, force_n = np.linspace(*metadata.ranges.position_mm, PLACES), np.full(PLACES, metadata.ranges.force_n[1])
-    shown_mm = nominal.curve(found.vector).measured_mm(places_mm, force_n)
+    shown_mm = nominal.curve(found.vector).measured_mm(on_axis(places_mm), force_n)
     prior = true_prior(metadata, real)
-    true_mm = prior.measured(force_n[:, None] * prior.influence_at(places_mm))
+    true_mm = prior.measured(force_n[:, None] * prior.influence_at(on_axis(places_mm)))
     slopes = nominal.slopes(found.vector[: nominal.size], places_mm, force_n, tuple(nominal.kinds))
     along = shown_mm / (shown_mm**2).sum(axis=1, keepdims=True)
     # The zeros of the recording are taken away by the next tare.

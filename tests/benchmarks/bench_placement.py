@@ -23,7 +23,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.placement.eigenvalue_bound import largest_gap
 from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of
-from beamtouch_models.design.placement.placing import place, score_positions
+from beamtouch_models.design.placement.placing import place, score_layout
 from beamtouch_models.design.placement.search import first_best, search_from
 from beamtouch_models.names import SearchName
 from support.surfaces.example_scenes import paper_scene
@@ -60,7 +60,7 @@ class Peer:
 
 def _ours(count: int, search: SearchName, seed: int) -> Floats:
     product = eigenvalue_product_of(*problem_in(paper_scene()), count)
-    return product.rules.position_mm[first_best(search_from(product.starts(seed), product, search, seed)).layout] - 1
+    return product.rules.place_mm[:, 0][first_best(search_from(product.starts(seed), product, search, seed)).layout] - 1
 
 
 def _pysensors(peer: Peer, count: int, _seed: int) -> Any:  # noqa: ANN401  # the package has no types
@@ -172,7 +172,7 @@ def _row(name: str, search: Search, peer: Peer, count: int, seeds: int, optimum:
         found = search(peer, count, seed)
         times.append(time.perf_counter() - started)
         positions = np.sort(peer.position_mm[np.asarray(found, dtype=int)])
-        shortfalls.append(optimum - score_positions(influence_of(paper_scene()), positions))
+        shortfalls.append(optimum - score_layout(influence_of(paper_scene()), positions))
     return {
         "search": name,
         "sensors": count,

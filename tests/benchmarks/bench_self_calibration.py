@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.calibrated import prior_of_model
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
@@ -71,7 +72,7 @@ class Measured:
 
 def answered(run: Run, prior: Prior, reading_mm: np.ndarray) -> Answers:
     """Answers of a graph to settled samples, with the floor of its prior."""
-    return run(reading_mm.astype(np.float32), prior.whitening(reading_mm).astype(np.float32))
+    return run(reading_mm.astype(np.float32), prior.errors.whitening(reading_mm).astype(np.float32))
 
 
 def held(answers: Answers, quantity: str, truth: np.ndarray) -> float:
@@ -91,7 +92,7 @@ def measured(model: ModelFile, real: Imperfections, number: int, kind: Kind, see
     prior, calibration = calibrated_prior(metadata, found)
     made = runner(to_bytes(remade(metadata, prior, calibration, silent).graph))
     truth = true_prior(metadata, real)
-    fresh = limit.draw(truth, DRAWS, seed)
+    fresh = draw(truth, DRAWS, seed)
     reading = truth.measured(fresh.deflection_mm)
     old = answered(model.run, prior_of_model(metadata), reading)
     new = answered(made, prior, reading)

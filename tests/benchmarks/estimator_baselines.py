@@ -19,7 +19,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import ratio_of
 from beamtouch_models.design.estimators.estimator import estimator_of
@@ -38,16 +38,18 @@ def baselines(case: Case) -> list[dict[str, object]]:
     rows = []
     for name in ("posterior", "small-network", "paper-network"):
         start = time.perf_counter()
-        made = estimator_of(name, prior, min_noise_mm=prior.noise_mm, with_force=False, seed=SEED, progress=silent)
+        made = estimator_of(
+            name, prior, min_noise_mm=prior.errors.noise_mm, with_force=False, seed=SEED, progress=silent
+        )
         took = time.perf_counter() - start
-        content, weights = to_bytes(made.graph), prior.whitening(reading)
+        content, weights = to_bytes(made.graph), prior.errors.whitening(reading)
         answers = runner(content)(reading, weights)["position_mm"]
         calls[name] = answer_of(content, reading[:1], weights[:1])
         rows.append(_row(case, name, np.abs(answers - truth), best, took))
     for name, model in _regressors(prior).items():
         start = time.perf_counter()
         count = TRAINING_OF_PROCESS if name == "Gaussian process" else TRAINING
-        taught = limit.draw(prior, count, SEED + 1)
+        taught = draw(prior, count, SEED + 1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # of the Gaussian process' bounds; it says nothing here
             model.fit(taught.deflection_mm, taught.position_mm)
@@ -63,7 +65,7 @@ def baselines(case: Case) -> list[dict[str, object]]:
 
 def _regressors(prior: Prior) -> dict[str, Any]:
     """scikit-learn's regressors on the direction and size of the deflection, tuned by cross validation."""
-    features = FunctionTransformer(_direction_and_size, kw_args={"noise_mm": prior.noise_mm})
+    features = FunctionTransformer(_direction_and_size, kw_args={"noise_mm": prior.errors.noise_mm})
     network = GridSearchCV(
         MLPRegressor(early_stopping=True, max_iter=300, random_state=0),
         {"hidden_layer_sizes": [(32, 32), (64, 64)], "alpha": [1e-5, 1e-3]},

@@ -11,6 +11,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from beamtouch_models.design.accuracy.drawing import Draws, draw
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
+
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 
 import numpy as np
@@ -77,7 +81,7 @@ def placed(name: str, sensors: int) -> tuple[Scene, tuple[float, ...]]:
 
 
 @lru_cache(maxsize=4)
-def drawn_of(case: Case) -> tuple[Prior, limit.Draws, Floats]:
+def drawn_of(case: Case) -> tuple[Prior, Draws, Floats]:
     """Prior, contacts, and the error of the posterior's median for each."""
     scene, layout = placed(case.scene, case.sensors)
     low, high = scene.contact.force_range_n
@@ -85,8 +89,8 @@ def drawn_of(case: Case) -> tuple[Prior, limit.Draws, Floats]:
     largest = travel_of(scene).largest_mm * high / scene.contact.force_range_n[1]
     contact = scene.contact.model_copy(update={"force_n": high if case.known else (low, high)})
     influence = influence_of(scene.model_copy(update={"contact": contact}))
-    prior = Prior.of(influence, np.array(layout), largest * case.noise_percent / 100)
-    drawn = limit.draw(prior, DRAWS, SEED)
+    prior = Prior.of(influence, on_axis(np.array(layout)), Errors(largest * case.noise_percent / 100))
+    drawn = draw(prior, DRAWS, SEED)
     return prior, drawn, np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
 
 
@@ -95,7 +99,7 @@ def case_row(case: Case) -> dict[str, object]:
     prior, drawn, best = drawn_of(case)
     content = to_bytes(posterior_graph(prior, with_force=not case.known))
     reading = drawn.deflection_mm
-    answers = runner(content)(reading, prior.whitening(reading))
+    answers = runner(content)(reading, prior.errors.whitening(reading))
     ratio = ratio_of(np.abs(answers["position_mm"] - drawn.position_mm), best)
 
     def held(quantity: str, unit: str, truth: Floats) -> float:
@@ -108,7 +112,7 @@ def case_row(case: Case) -> dict[str, object]:
         "unit": "error over limit",
         "goal": "at most 1.05",
         "+-": ratio.standard_error,
-        "limit, %": float(best.mean()) / prior.length_mm * 100,
+        "limit, %": float(best.mean()) / prior.diagonal_mm * 100,
         "position held, %": held("position", "mm", drawn.position_mm),
         "force held, %": None if case.known else held("force", "n", drawn.force_n),
         "cells": resolving_cells(prior),
@@ -125,7 +129,7 @@ def latency_rows() -> list[dict[str, object]]:
         chosen = resolve(scene).filter
         noise = resolve(scene, chosen=chosen).noise
         prior = real_prior(scene, np.array(placed(name, count)[1]), noise.sample_mm)
-        reading = limit.draw(prior, 1, SEED).deflection_mm
+        reading = draw(prior, 1, SEED).deflection_mm
         calls: dict[str, Callable[[], object]] = {}
         for estimator in ESTIMATORS:
             made = estimator_of(
@@ -136,7 +140,7 @@ def latency_rows() -> list[dict[str, object]]:
                 seed=SEED,
                 progress=silent,
             )
-            calls[estimator] = answer_of(to_bytes(made.graph), reading, prior.whitening(reading))
+            calls[estimator] = answer_of(to_bytes(made.graph), reading, prior.errors.whitening(reading))
         times = in_turns(calls)
         ten = times["paper-network"]
         for estimator in ESTIMATORS[:-1]:

@@ -7,6 +7,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.metadata import Metadata
 from support.surfaces.real_surfaces import SESSION_MIN, recorded, true_prior, with_mistake
 
@@ -28,7 +29,7 @@ def doubtful(
     if wrong == "hanger":
         pressed_n = pressed_n + HANGER * stated_n.mean()
     prior = true_prior(metadata, real)
-    measured_mm = prior.measured(pressed_n[:, None] * prior.influence_at(at_mm))
+    measured_mm = prior.measured(pressed_n[:, None] * prior.influence_at(on_axis(at_mm)))
     named = {"hanger": "each load seems to press with"}.get(wrong, "")
     if wrong == "curved sensor":
         channel = int(rng.integers(measured_mm.shape[1]))

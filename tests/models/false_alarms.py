@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.design.accuracy.limit import draw
+from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.thresholds import (
     DRIFTS,
@@ -60,7 +60,7 @@ class Watched:
         valid = np.zeros(flat.shape, np.bool_)
         valid[:, kept] = True
         reading = np.where(valid, flat, 0.0)
-        weights = self.prior.whitening(reading, valid)
+        weights = self.prior.errors.whitening(reading, valid=valid)
         square = (np.einsum("dij,dj->di", weights, reading) ** 2).sum(axis=1)
         found = {name: values.astype(np.float64) for name, values in self.run(reading, weights).items()}
         return {name: values.reshape(deflection_mm.shape[:-1]) for name, values in (*found.items(), ("rest", square))}
@@ -119,11 +119,11 @@ def false_stretches_of_contacts_per_day(on: Watched, kept: tuple[int, ...], draw
 def _stretches_of_contacts(on: Watched, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
     prior, size, rng = on.prior, len(kept), np.random.default_rng(seed)
     contacts = draw(prior, draws, seed)
-    clean = contacts.force_n[:, None] * prior.table(contacts.position_mm)
-    moved = contacts.force_n[:, None] * prior.table(contacts.position_mm, 1)
-    deviation = prior.deviation_mm(clean)
+    clean = contacts.force_n[:, None] * prior.table(contacts.place_mm)
+    moved = contacts.force_n[:, None] * prior.table.slope(contacts.place_mm)[..., 0]
+    deviation = prior.errors.deviation_mm(clean)
     clean, moved, deviation = (values[:, kept] for values in (clean, moved, deviation))
-    noise = prior.noise_mm / deviation
+    noise = prior.errors.noise_mm / deviation
     # All directions but those of the force and of the position, in deviations of the noise.
     known = np.stack([clean / deviation, moved / deviation], axis=2)
     basis = np.linalg.qr(known, mode="complete")[0][:, :, 2:]
@@ -138,13 +138,15 @@ def _stretches_of_contacts(on: Watched, kept: tuple[int, ...], window: int, draw
     tilt = radius[:, None] * np.einsum("dcm,dnm,dn->dc", basis, basis, along / noise)
     density = (size - 3) * np.log(radius) - radius**2 / 2 - ((size - 2) / 2 - 1) * np.log(2) - gammaln((size - 2) / 2)
     constant = np.zeros_like(clean)
-    gain, zero_mm = (np.broadcast_to(value, prior.channels)[list(kept)] for value in (prior.gain, prior.zero_mm))
+    gain, zero_mm = (
+        np.broadcast_to(value, prior.channels)[list(kept)] for value in (prior.errors.gain, prior.errors.zero_mm)
+    )
     for error in (zero_mm / deviation, gain * np.abs(clean) / deviation):
         part = tilted(tilt, DRIFTS * error, rng)
         density -= log_tilt(part, tilt, DRIFTS * error)
         constant += part
     sample = np.zeros((draws, means.shape[1], prior.channels))
-    sample[:, :, kept] = (clean + deviation * constant)[:, None] + prior.noise_mm * means
+    sample[:, :, kept] = (clean + deviation * constant)[:, None] + prior.errors.noise_mm * means
     drawn = Sequences(means, FARTHEST * np.exp(density), first)
     return _stretches_per_day(on, kept, drawn, sample)
 

@@ -1,6 +1,5 @@
 """Priors of the shipped scenes for tests of the posterior, and running graphs on contacts."""
 
-import dataclasses
 from functools import cache, lru_cache
 
 import numpy as np
@@ -13,6 +12,8 @@ from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.design.physics.beam import influence_of, travel_of
 from beamtouch_models.design.scene import load_scene
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.session import runner
 from support.surfaces.example_scenes import SCENES
 
@@ -28,9 +29,8 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
     force = (high, high) if known else (min(low, high / 10), high)
     contact = scene.contact.model_copy(update={"force_n": force})
     scene = scene.model_copy(update={"contact": contact})
-    return Prior.of(
-        influence_of(scene), _positions_mm(name, sensors), travel_of(scene).largest_mm * noise_percent / 100
-    )
+    noise_mm = travel_of(scene).largest_mm * noise_percent / 100
+    return Prior.of(influence_of(scene), on_axis(_positions_mm(name, sensors)), Errors(noise_mm))
 
 
 @cache
@@ -42,7 +42,7 @@ def _positions_mm(name: str, sensors: int) -> Floats:
 
 def with_floor(prior: Prior) -> Prior:
     """The prior with the errors of gain and zero that a scene has by default, behind a mean of four readings."""
-    return dataclasses.replace(prior, gain=0.003, zero_mm=0.4 * prior.noise_mm)
+    return prior.with_floor(0.003, 0.4 * prior.errors.noise_mm)
 
 
 def answers_of(
@@ -52,7 +52,7 @@ def answers_of(
     present = np.ones(deflection_mm.shape, np.bool_) if valid is None else valid
     reading = np.where(present, deflection_mm, 0.0)
     with np.errstate(over="ignore"):
-        found = runner(to_bytes(graph))(reading, prior.whitening(np.clip(reading, -1e30, 1e30), present))
+        found = runner(to_bytes(graph))(reading, prior.errors.whitening(np.clip(reading, -1e30, 1e30), valid=present))
     return {name: values.astype(np.float64) for name, values in found.items()}
 
 
@@ -66,8 +66,8 @@ def plain_posterior(prior: Prior, reading: Floats, covariance_mm2: Floats, force
 
     `reading` (channels,) scatters with the whole covariance.
     """
-    grid = np.linspace(*prior.position_mm, 1201)
-    shape, precision = prior.influence_at(grid), np.linalg.inv(covariance_mm2)
+    grid = np.linspace(*prior.extent.position_mm, 1201)
+    shape, precision = prior.influence_at(on_axis(grid)), np.linalg.inv(covariance_mm2)
     square, along = np.einsum("gi,ij,gj->g", shape, precision, shape), shape @ precision @ reading
     density = np.zeros(len(grid))
     for piece in forces:
@@ -87,20 +87,22 @@ def quantiles_of(grid: Floats, density: Floats, *levels: float) -> Floats:
 
 def nonsense(prior: Prior) -> Floats:
     """Readings that no contact explains, and some that one just might."""
-    largest = prior.force_n[1] * float(np.abs(prior.table(np.linspace(*prior.position_mm, 101))).max())
+    largest = prior.force_n[1] * float(np.abs(prior.table(prior.extent.grid(101))).max())
     channels = prior.channels
     rng = np.random.default_rng(0)
     rows = [np.full(channels, size) for size in (0.0, TINY, -TINY, 1e-30, largest, -largest)]
     rows += [np.full(channels, sign * size) for size in (100 * largest, 1e6, 1e30, np.inf) for sign in (1, -1)]
     rows += [largest * np.eye(channels)[0], -largest * np.eye(channels)[-1]]
-    rows += list(rng.normal(size=(50, channels)) * largest) + list(rng.normal(size=(50, channels)) * prior.noise_mm)
+    rows += list(rng.normal(size=(50, channels)) * largest) + list(
+        rng.normal(size=(50, channels)) * prior.errors.noise_mm
+    )
     return np.array(rows)
 
 
 def check_sane(prior: Prior, answers: dict[str, Floats]) -> None:
     """Every answer is a number, intervals hold their middle and lie in the range."""
-    low, high = prior.position_mm
-    slack = 1e-5 * prior.length_mm
+    low, high = prior.extent.position_mm
+    slack = 1e-5 * prior.diagonal_mm
     for name, values in answers.items():
         assert np.isfinite(values).all(), name
     assert (low - slack <= answers["position_low_mm"]).all()

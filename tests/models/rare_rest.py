@@ -119,9 +119,9 @@ def exceeding(
     channels, draws = prior.channels, 2048
     valid = np.zeros((draws, channels), np.bool_)
     valid[:, kept] = True
-    weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.zero_mm, valid)
+    weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.errors.zero_mm, valid)
     part = weights[0][np.ix_(kept, kept)]
-    shapes = prior.table(np.linspace(*prior.position_mm, 201))[:, kept] @ part.T
+    shapes = prior.table(prior.extent.grid(201))[:, kept] @ part.T
     # What is not noise is the zero.
     noise = np.sqrt(np.diag(part @ covariance[np.ix_(kept, kept)] @ part.T))
     rest = rest_like_contact(directions(shapes), noise, rate, draws, 5)

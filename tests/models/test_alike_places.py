@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import make_scene
-from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.posterior.cells import resolving_cells
@@ -53,7 +53,7 @@ def prior_of(case: Case) -> Prior:
 def test_the_error_is_at_the_limit_and_intervals_hold_the_truth(name: str) -> None:
     prior = prior_of(CASES[name])
     assert resolving_cells(prior) is None  # so that windows are looked for
-    drawn = limit.draw(prior, 1500, 3)
+    drawn = draw(prior, 1500, 3)
     levels = np.tile([0.5, 0.025, 0.975], (len(drawn.position_mm), 1))
 
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from beamtouch_models import runtime
-from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.accuracy.drawing import draw
+from beamtouch_models.design.accuracy.limit import posterior_median_mm
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.design.calibration.fit import fit
@@ -54,7 +55,7 @@ def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, floa
     drawn = draw(prior, 3000, 9)
     stated = prior.measured(drawn.deflection_mm).astype(np.float32)
     answers = model.graph.estimate(
-        stated, prior_of_model(model.metadata).whitening(stated.astype(np.float64)).astype(np.float32)
+        stated, prior_of_model(model.metadata).errors.whitening(stated.astype(np.float64)).astype(np.float32)
     )
     best = np.abs(posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
@@ -89,7 +90,7 @@ def test_the_departures_are_found_and_the_file_says_so(
     assert found.curve_per_mm == pytest.approx(real.curve_per_mm, rel=0.3)
     # What the fit leaves is no noise: it stays when readings are averaged.
     prior = prior_of_model(fresh.metadata)
-    assert prior.noise_mm == bench.metadata.noise.sample_mm
+    assert prior.errors.noise_mm == bench.metadata.noise.sample_mm
     floor = np.hypot(np.hypot(bench.metadata.floor.zero_mm, calibration.residual_mm), found.offset_mm)
     assert fresh.metadata.floor.zero_mm == pytest.approx(floor.tolist())
 

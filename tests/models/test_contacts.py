@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.design.accuracy import posterior
-from beamtouch_models.design.accuracy.limit import draw, simulated
+from beamtouch_models.design.accuracy.drawing import draw
+from beamtouch_models.design.accuracy.limit import simulated
 from beamtouch_models.design.accuracy.statistics import Measurement, mean_of, quantile_of, share_of
 from models.posterior_cases import prior_of
 

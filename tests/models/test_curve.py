@@ -6,6 +6,7 @@ from scipy.optimize import nnls
 
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.scene import load_scene
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.curve import Curve
 from support.surfaces.example_scenes import SCENES
 
@@ -15,8 +16,8 @@ def test_no_entry_of_the_table_explains_deflections_better_than_the_best_contact
     scene, _ = load_scene(SCENES / f"{name}.toml")
     beam = influence_of(scene)
     sensor_mm = np.array([0.12, 0.26, 0.36, 0.7, 0.87]) * scene.beam.length_mm
-    places_mm = np.linspace(beam.load_mm[0], beam.load_mm[-1], 301)
-    influence = beam.at(sensor_mm, places_mm)
+    places_mm = np.linspace(beam.load_mm[0, 0], beam.load_mm[-1, 0], 301)
+    influence = beam.at(on_axis(sensor_mm), on_axis(places_mm))
     rng = np.random.default_rng(4)
     contacts = influence[rng.integers(0, len(places_mm), 20)]
     pulls = -contacts  # beside a support, a contact on its other side comes near
@@ -24,7 +25,7 @@ def test_no_entry_of_the_table_explains_deflections_better_than_the_best_contact
     deflection_mm = np.concatenate([contacts, pulls, contacts + contacts[::-1]]) + noise
     weight = rng.uniform(0.5, 2.0, deflection_mm.shape)
 
-    left = Curve(places_mm, influence).unexplained(deflection_mm, weight)
+    left = Curve((places_mm,), influence).unexplained(deflection_mm, weight)
 
     root = np.sqrt(weight)
     moving = influence[np.abs(influence).max(axis=1) > 1e-9 * np.abs(influence).max()]  # not on a support
@@ -36,16 +37,16 @@ def test_no_entry_of_the_table_explains_deflections_better_than_the_best_contact
 def test_an_entry_on_a_support_where_only_rounding_is_left_is_no_contact() -> None:
     scene, _ = load_scene(SCENES / "two-spans.toml")
     sensor_mm, places_mm = np.array([115.0, 255.0, 357.0, 706.0, 875.0]), np.linspace(60.3, 939.7, 129)
-    influence = influence_of(scene).at(sensor_mm, places_mm)
+    influence = influence_of(scene).at(on_axis(sensor_mm), on_axis(places_mm))
     assert 0 < np.abs(influence[64]).max() < 1e-12 * np.abs(influence).max()
     rng = np.random.default_rng(2)
     true_mm, true_n = rng.uniform(503, 515, 1000), rng.uniform(10, 60, 1000)
     noise = 0.0002 * rng.normal(size=(1000, 5))
-    deflection_mm = true_n[:, None] * influence_of(scene).at(sensor_mm, true_mm) + noise
+    deflection_mm = true_n[:, None] * influence_of(scene).at(on_axis(sensor_mm), on_axis(true_mm)) + noise
 
-    curve, weight = Curve(places_mm, influence), np.full((1000, 5), 0.0002**-2)
-    position_mm, force_n = curve.best_contacts(deflection_mm, weight)
+    curve, weight = Curve((places_mm,), influence), np.full((1000, 5), 0.0002**-2)
+    place_mm, force_n = curve.best_contacts(deflection_mm, weight)
 
-    assert np.median(np.abs(position_mm - true_mm)) < 5
+    assert np.median(np.abs(place_mm[:, 0] - true_mm)) < 5
     assert ((force_n > 0) & (force_n < 1e4)).all()
     assert curve.unexplained(deflection_mm, weight).max() < 40

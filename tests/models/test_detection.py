@@ -11,6 +11,7 @@ import pytest
 from beamtouch_models.design.accuracy.evaluation import estimates
 from beamtouch_models.design.accuracy.thresholds import SURELY, size_per_n
 from beamtouch_models.design.calibrated import prior_of_model
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
 
@@ -23,12 +24,15 @@ def test_the_graph_sees_the_smallest_force_as_stated(bench: ModelFile, share: fl
     metadata, prior = bench.metadata, prior_of_model(bench.metadata)
     stated, rng = metadata.smallest_force, np.random.default_rng(7)
     at, position = [0, 5, 12, 24], np.array(stated.position_mm)
-    size = size_per_n(prior, position)
+    size = size_per_n(prior, on_axis(position))
     for index in at:
         least = stated.force_n[index]
         assert least is not None
-        clean = np.tile(share * least * prior.table(position[[index]]), (DRAWS, 1))
-        zero, noise = rng.normal(size=(2, DRAWS, prior.channels)) * [[prior.zero_mm], [np.full(4, prior.noise_mm)]]
+        clean = np.tile(share * least * prior.table(on_axis(position[[index]])), (DRAWS, 1))
+        zero, noise = rng.normal(size=(2, DRAWS, prior.channels)) * [
+            [prior.errors.zero_mm],
+            [np.full(4, prior.errors.noise_mm)],
+        ]
         odds = estimates(bench, prior, clean + zero + noise)["contact_log_odds"]
         missed = float((odds <= metadata.thresholds.touch[-1]).mean())
         # A contact moves a whitened sample by its force times `size`; noise in its own direction takes it below. Noise

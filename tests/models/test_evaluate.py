@@ -9,9 +9,10 @@ import numpy as np
 import onnx
 import pytest
 
-from beamtouch_models.design.accuracy.evaluation import at_noise, evaluate
-from beamtouch_models.design.accuracy.limit import draw
+from beamtouch_models.design.accuracy.drawing import draw
+from beamtouch_models.design.accuracy.evaluation import evaluate
 from beamtouch_models.design.calibrated import prior_of_model
+from beamtouch_models.places import Extent
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.description import unseen
 from support.programs.in_process import Command
@@ -34,7 +35,7 @@ def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
     assert found.unexplained.value < 1e-3
     # Plain draws, by hand.
     drawn = draw(prior, 40_000, 5)
-    answer = bench.run(drawn.deflection_mm, prior.whitening(drawn.deflection_mm))
+    answer = bench.run(drawn.deflection_mm, prior.errors.whitening(drawn.deflection_mm))
     error = np.abs(answer["position_mm"] - drawn.position_mm)
     mean = found.span.mean_mm
     assert abs(mean.value - error.mean()) < 4 * np.hypot(mean.standard_error, error.std() / 200)
@@ -45,7 +46,7 @@ def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
 
 
 def test_a_model_answers_to_the_noise_that_a_sample_states(bench: ModelFile) -> None:
-    prior = at_noise(prior_of_model(bench.metadata), 5 * bench.metadata.noise.sample_mm)
+    prior = prior_of_model(bench.metadata).at_noise(5 * bench.metadata.noise.sample_mm)
     found = evaluate(bench, prior, draws=2000, seed=5)
     assert found.position_coverage is not None
     assert found.position_coverage.value == pytest.approx(0.95, abs=0.02)
@@ -75,12 +76,12 @@ def test_one_json_object_and_a_table(design_sensors_roughly: Command, bench_mode
 def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: ModelFile) -> None:
     # Of 400 mm the middle begins at 80, so that one contact in eighty lies in it, or one in 160.
     for end_mm in (80.5, 81.0):
-        prior = replace(prior_of_model(bench.metadata), position_mm=(1.0, end_mm))
+        prior = replace(prior_of_model(bench.metadata), extent=Extent.of_beam((1.0, end_mm)))
         for draws in (100, 512):
             found = evaluate(bench, prior, draws=draws, seed=0)
             assert found.span.mean_mm.standard_error > 0
             assert found.middle is None or found.middle.p95_mm.standard_error > 0
-    assert evaluate(bench, replace(prior, position_mm=(1.0, 200.0)), draws=512, seed=0).middle is not None
+    assert evaluate(bench, replace(prior, extent=Extent.of_beam((1.0, 200.0))), draws=512, seed=0).middle is not None
 
 
 def test_a_force_of_the_scene_that_is_missed_is_noted(

@@ -3,8 +3,6 @@
 The benchmark false_alarms takes all masks.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -19,6 +17,8 @@ from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.design.surface import resolve
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.session import runner
 from models.false_alarms import (
     false_contacts_per_day,
@@ -83,8 +83,8 @@ def test_thresholds_rise_with_readings_that_successive_means_share_and_rest_is_n
 
 
 def test_many_sensors_have_no_more_sets_than_can_be_looked_at() -> None:
-    prior = Prior.of(influence_of(paper_scene()), np.linspace(20.0, 380.0, 16), 0.001)
-    assert len(touch_thresholds(replace(prior, zero_mm=0.003), 2e-9)) == 16
+    prior = Prior.of(influence_of(paper_scene()), on_axis(np.linspace(20.0, 380.0, 16)), Errors(0.001, zero_mm=0.003))
+    assert len(touch_thresholds(prior, 2e-9)) == 16
 
 
 def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
@@ -107,7 +107,7 @@ def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) 
     every, white = tuple(range(prior.channels)), np.eye(prior.channels) * noise_mm**2
     # Fewer readings in the mean, one noisy channel, and the first mode of a beam that still rings a little.
     noisy = white * np.array([1, *[25] * (prior.channels - 1)])
-    mode = np.sin(np.pi * layout / prior.length_mm)
+    mode = np.sin(np.pi * layout / prior.diagonal_mm)
     for covariance in (white * 16, noisy, white + 25 * noise_mm**2 * np.outer(mode, mode)):
         assert 0.4 < exceeding(run, prior, covariance, every, rate, threshold) < 2.5
 
@@ -115,9 +115,9 @@ def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) 
 @pytest.mark.parametrize(("sensors", "zeros"), [(2, 10.0), (6, 10.0), (8, 3.0)])
 def test_zeros_that_outweigh_the_noise_give_the_false_contacts_that_were_asked_for(sensors: int, zeros: float) -> None:
     prior = prior_of("bench", sensors, 0.1, known=False)
-    prior, rate = replace(prior, zero_mm=zeros * prior.noise_mm), 2e-9
+    prior, rate = prior.with_floor(0.0, zeros * prior.errors.noise_mm), 2e-9
     thresholds, run = touch_thresholds(prior, rate), runner(to_bytes(graph_of(prior)))
-    white = np.eye(sensors) * prior.noise_mm**2
+    white = np.eye(sensors) * prior.errors.noise_mm**2
     assert 0.7 < exceeding(run, prior, white, tuple(range(sensors)), rate, thresholds[-1]) < 1.2
     # The threshold of a size is that of its worst set.
     assert exceeding(run, prior, white, (0, sensors - 1), rate, thresholds[1]) < 1.2

@@ -9,18 +9,22 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
-from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.accuracy.drawing import draw
+from beamtouch_models.design.accuracy.limit import posterior_median_mm
+from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.placement.placing import place, place_by_position_error, recommended_count
+from beamtouch_models.design.placement.position_error import Sampling
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
 from models.posterior_cases import answers_of
 
 LENGTH_MM = 500.0
 TENSION_N = 50.0
 NOISE_MM = 0.02
-RULES = LayoutRules(np.arange(20.0, 500.0, 20.0), np.array([], dtype=np.intp), 40.0)
+RULES = LayoutRules(on_axis(np.arange(20.0, 500.0, 20.0)), np.array([], dtype=np.intp), 40.0)
 
 
 def sag_mm(sensor_mm: Floats, load_mm: Floats) -> Floats:
@@ -45,10 +49,10 @@ def measured_string() -> InfluenceFunction:
 
 def test_sensors_of_a_measured_string_stand_where_enumeration_puts_them() -> None:
     string, count = measured_string(), 3
-    exact = sag_mm(RULES.position_mm, string.load_mm)
+    exact = sag_mm(RULES.place_mm[:, 0], string.load_mm[:, 0])
     scores: dict[tuple[float, ...], float] = {}
-    for chosen in combinations(range(len(RULES.position_mm)), count):
-        positions = RULES.position_mm[list(chosen)]
+    for chosen in combinations(range(len(RULES.place_mm)), count):
+        positions = RULES.place_mm[list(chosen), 0]
         if np.diff(positions).min() >= 40:
             singular = np.linalg.svd(exact[:, chosen], compute_uv=False)
             scores[tuple(positions)] = float((2 * np.log(singular) - np.log(len(exact))).sum())
@@ -61,9 +65,9 @@ def test_sensors_of_a_measured_string_stand_where_enumeration_puts_them() -> Non
 def test_a_measured_string_has_a_number_of_sensors_a_limit_and_an_estimator() -> None:
     string = measured_string()
     assert recommended_count(string, 1e6) == 2 < recommended_count(string, NOISE_MM) <= 8
-    coarse = replace(RULES, position_mm=RULES.position_mm[1::3])
-    found = place_by_position_error(string, coarse, 2, 0, SampleErrors(NOISE_MM))
-    prior = Prior.of(string, np.array(found.positions_mm), NOISE_MM)
+    coarse = replace(RULES, place_mm=RULES.place_mm[1::3])
+    found = place_by_position_error(string, coarse, 2, 0, Sampling(Errors(NOISE_MM)))
+    prior = Prior.of(string, found.place_mm, Errors(NOISE_MM))
     drawn = draw(prior, 2_000, 2)
     best = np.abs(posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
     answers = answers_of(posterior_graph(prior, with_force=False), prior, drawn.deflection_mm)

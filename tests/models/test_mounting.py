@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.design.accuracy.evaluation import at_noise
 from beamtouch_models.design.accuracy.limit import accuracy_limit
-from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.layout import place_sensors
 from beamtouch_models.design.physics.beam import influence_of
@@ -13,7 +12,9 @@ from beamtouch_models.design.placement.placing import Aim
 from beamtouch_models.design.scene import change_scene, load_scene, parse_scene
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.error_model import Errors
 from models.handbook import deflection_per_newton
 from models.posterior_cases import answers_of, graph_of
 from support.surfaces.example_scenes import SCENES, paper_scene
@@ -28,19 +29,20 @@ def test_intervals_hold_the_truth_on_displaced_sensors(name: str) -> None:
     stated, _ = load_scene(SCENES / f"{name}.toml")
     scene = change_scene(stated, sensors={"mounting_tolerance_mm": TOLERANCE_MM})
     sensors = place_sensors(resolve(scene), aim=Aim("eigenvalue-product"))
-    prior, errors, influence = sensors.prior, sensors.surface.errors, sensors.surface.influence
-    assert errors.mounting_mm == TOLERANCE_MM
+    prior, influence, noise_mm = sensors.prior, sensors.surface.influence, sensors.surface.errors.noise_mm
+    (gain_error, *_), (zero_error_mm, *_) = sensors.surface.errors.of_channels(1)
+    assert sensors.surface.errors.mounting_mm == TOLERANCE_MM
     rng = np.random.default_rng(5)
     position, reading = [], []
     for _ in range(SURFACES):
         # As a surface is mounted: its sensors stay where they are, and so do gains and zeros.
         offset, gain, zero = (rng.normal(size=prior.channels) for _ in range(3))
-        at_mm = np.clip(np.array(sensors.placement.positions_mm) + TOLERANCE_MM * offset, 0.0, prior.length_mm)
-        load = rng.uniform(*prior.position_mm, size=CONTACTS)
-        deflection = rng.uniform(*prior.force_n, size=CONTACTS)[:, None] * influence.at(at_mm, load)
-        noise = errors.noise_mm * rng.normal(size=deflection.shape)
+        at_mm = np.clip(np.array(sensors.placement.positions_mm) + TOLERANCE_MM * offset, 0.0, prior.diagonal_mm)
+        load = rng.uniform(*prior.extent.position_mm, size=CONTACTS)
+        deflection = rng.uniform(*prior.force_n, size=CONTACTS)[:, None] * influence.at(on_axis(at_mm), on_axis(load))
+        noise = noise_mm * rng.normal(size=deflection.shape)
         position.append(load)
-        reading.append((1 + errors.gain * gain) * deflection + errors.zero_mm * zero + noise)
+        reading.append((1 + gain_error * gain) * deflection + zero_error_mm * zero + noise)
     truth = np.concatenate(position)
     answers = answers_of(graph_of(prior), prior, np.concatenate(reading))
     held = (answers["position_low_mm"] <= truth) & (truth <= answers["position_high_mm"])
@@ -74,8 +76,8 @@ def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gai
     error = (posterior * np.abs(grid - median[:, None])).sum(axis=1) / 4
     influence = influence_of(change_scene(paper_scene(), contact={"position_mm": (20, 190)}))
     found, ideal = (
-        accuracy_limit(Prior.real(influence, sensor_mm, some), 4_000, 3).value
-        for some in (SampleErrors(noise_mm, gain, 0.0, tolerance_mm), SampleErrors(noise_mm))
+        accuracy_limit(Prior.of(influence, on_axis(sensor_mm), some), 4_000, 3).value
+        for some in (Errors(noise_mm, gain, 0.0, tolerance_mm), Errors(noise_mm))
     )
     standard_error = error.std() / np.sqrt(draws)
     print(f"{error.mean():.4f} +- {standard_error:.4f}, limit {found:.4f}, without errors {ideal:.4f}")
@@ -99,8 +101,8 @@ def test_the_prior_of_a_model_knows_the_mounting_of_its_sensors(bench: ModelFile
     prior = prior_of_model(bench.metadata.model_copy(update={"scene": text}))
     layout = np.array([channel.position_mm for channel in bench.metadata.layout])
     expected = real_prior(stated, layout, bench.metadata.noise.sample_mm)
-    at, force = np.array([50.0, 200.0, 390.0]), np.array([5.0, 20.0, 2.0])
+    at, force = np.array([[50.0], [200.0], [390.0]]), np.array([5.0, 20.0, 2.0])
     assert prior.sampled(at, force)[1] == pytest.approx(expected.sampled(at, force)[1], rel=1e-12)
     exact = prior_of_model(bench.metadata)
     assert np.all(prior.sampled(at, force)[1] > exact.sampled(at, force)[1])
-    assert not at_noise(prior, 0.0).sampled(at, force)[1].any()
+    assert not prior.at_noise(0.0).sampled(at, force)[1].any()

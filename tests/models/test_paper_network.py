@@ -16,6 +16,7 @@ from beamtouch_models.design.estimators.paper_network import (
     trained_as_in_the_paper,
 )
 from beamtouch_models.lab.reproduction.paper import deflection_mm
+from beamtouch_models.places import on_axis
 from models.posterior_cases import answers_of, prior_of
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
@@ -77,12 +78,12 @@ def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     prior = prior_of("paper", 2, 2.0, known=True)
     network = trained_as_in_the_paper(prior, 0)
     position = np.linspace(40, 360, 50)
-    deflection = prior.force_n[1] * prior.influence_at(position)
+    deflection = prior.force_n[1] * prior.influence_at(on_axis(position))
     answers = answers_of(paper_graph(network), prior, deflection)
     assert list(answers) == ["position_mm"]
     assert answers["position_mm"] == pytest.approx(network.estimate_mm(deflection), abs=1e-2)
     # Without noise it knows the position to a percent or so of the length.
-    assert np.abs(answers["position_mm"] - position).mean() < 0.03 * prior.length_mm
+    assert np.abs(answers["position_mm"] - position).mean() < 0.03 * prior.diagonal_mm
 
 
 @pytest.mark.soak

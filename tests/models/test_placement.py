@@ -9,15 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamtouch_models.design.accuracy.prior import SampleErrors
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.placement.eigenvalue_bound import gap_of, largest_gap
 from beamtouch_models.design.placement.eigenvalue_product import eigenvalue_product_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.placement.placing import place, place_by_position_error, recommended_count
+from beamtouch_models.design.placement.position_error import Sampling
 from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import SearchName
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
 from support.surfaces.example_scenes import paper_scene
 from support.surfaces.stated_problems import problem_in
 
@@ -130,7 +132,7 @@ def test_no_layout_that_enumeration_finds_is_beyond_the_gap(count: int, fewer: i
     assert found.log_eigenvalue_product == pytest.approx(expected, abs=1e-8)
     # Of a layout that is not the best, the gap holds the best one as well.
     problem = eigenvalue_product_of(*problem_in(scene), count, leading)
-    for layout in (np.searchsorted(problem.rules.position_mm, found.positions_mm), problem.equal):
+    for layout in (np.searchsorted(problem.rules.place_mm[:, 0], found.positions_mm), problem.equal):
         assert expected <= problem.exact_score(layout) + gap_of(problem, layout) + 1e-8
 
 
@@ -187,13 +189,15 @@ def test_hardly_more_than_one_load_position() -> None:
 def test_a_fixed_sensor_on_a_support_measures_nothing() -> None:
     """A scene refuses it; a structure that is measured may have places that do not move."""
     influence = influence_of(paper_scene())
-    rules, coarse = (LayoutRules(np.arange(0.0, 400.0, step), np.array([0], dtype=np.intp), 0.0) for step in (1, 40))
+    rules, coarse = (
+        LayoutRules(on_axis(np.arange(0.0, 400.0, step)), np.array([0], dtype=np.intp), 0.0) for step in (1, 40)
+    )
     for search in ("exchange", "paper"):
         with pytest.raises(SceneError, match="leave no 2 positions with independent readings"):
             place(influence, rules, 2, 0, search=search)
         with pytest.raises(SceneError, match="leave no 1 positions with independent readings"):
             place(influence, rules, 1, 0, search=search)
     with pytest.raises(SceneError, match="nothing moves at 0 mm"):
-        place_by_position_error(influence, coarse, 2, 0, SampleErrors(0.01))
+        place_by_position_error(influence, coarse, 2, 0, Sampling(Errors(0.01)))
     # It adds no component: the other two sensors stand where two sensors alone would.
     assert place(influence, rules, 3, 0, leading=2).positions_mm == (0, 122, 278)

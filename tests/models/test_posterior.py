@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.accuracy.drawing import draw
+from beamtouch_models.design.accuracy.limit import posterior_median_mm
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior, cautious_forces, forces_of
 from beamtouch_models.design.estimators.estimator import ENOUGH, MAX_SETS, estimator_of, fewest_channels
@@ -16,7 +17,8 @@ from beamtouch_models.design.estimators.posterior.window import posterior_graph,
 from beamtouch_models.design.estimators.small_network import first_stage, train
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.sweeps import silent
-from beamtouch_models.runtime.error_model import whitening
+from beamtouch_models.places import Extent, on_axis
+from beamtouch_models.runtime.error_model import Errors, whitening
 from beamtouch_models.runtime.session import runner
 from models.false_alarms import surface
 from models.posterior_cases import (
@@ -43,7 +45,7 @@ def test_answers_are_those_of_a_plain_integral_over_position_and_force(noise_per
     answers = answers_of(graph_of(prior), prior, drawn.deflection_mm)
     # Where nothing speaks for a contact, no position is ever stated.
     for row in np.flatnonzero(answers["contact_log_odds"] > 2):
-        reading, covariance = drawn.deflection_mm[row], np.eye(3) * prior.noise_mm**2
+        reading, covariance = drawn.deflection_mm[row], np.eye(3) * prior.errors.noise_mm**2
         expected = forces_of(prior.force_n)
         anything = expected if known else cautious_forces(prior.force_n)
         low, high = quantiles_of(*plain_posterior(prior, reading, covariance, anything), 0.025, 0.975)
@@ -52,13 +54,13 @@ def test_answers_are_those_of_a_plain_integral_over_position_and_force(noise_per
         found = [answers[name][row] for name in ("position_mm", "position_low_mm", "position_high_mm")]
         slack = 0.05 * (high - low)
         assert found == pytest.approx([median, min(low, median), max(high, median)], abs=slack)
-        unit = prior.influence_at(grid)
+        unit = prior.influence_at(on_axis(grid))
         unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-        across = np.maximum(unit @ (reading / prior.noise_mm), 0.0)
+        across = np.maximum(unit @ (reading / prior.errors.noise_mm), 0.0)
         most_square = across.max() ** 2 / 2
         odds = most_square + np.log(np.trapezoid(np.exp(across**2 / 2 - most_square), grid) / np.ptp(grid))
         assert answers["contact_log_odds"][row] == pytest.approx(odds, abs=0.2)
-        left = reading @ reading / prior.noise_mm**2 - across.max() ** 2
+        left = reading @ reading / prior.errors.noise_mm**2 - across.max() ** 2
         assert answers["misfit"][row] == pytest.approx(left, abs=0.2)
 
 
@@ -72,13 +74,15 @@ def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(
     drawn = draw(prior, 4000, 6)
     graph = graph_of(prior)
     misfit = answers_of(graph, prior, drawn.deflection_mm)["misfit"]
-    inside = (prior.position_mm[0] + 20 < drawn.position_mm) & (drawn.position_mm < prior.position_mm[1] - 20)
+    inside = (prior.extent.position_mm[0] + 20 < drawn.position_mm) & (
+        drawn.position_mm < prior.extent.position_mm[1] - 20
+    )
     for share in (0.5, 0.1, 0.01):
         exceeded = (misfit[inside] > chdtri(sensors - 2, share)).mean()
         # Where a weak contact might also be at an end of the range, its misfit is a little larger.
         assert exceeded == pytest.approx(share, abs=0.12 * share + 4 * (share / inside.sum()) ** 0.5)
     wedged = drawn.deflection_mm.copy()
-    wedged[:, 1] += 30 * prior.deviation_mm(wedged)[:, 1]
+    wedged[:, 1] += 30 * prior.errors.deviation_mm(wedged)[:, 1]
     assert (answers_of(graph, prior, wedged)["misfit"] > chdtri(sensors - 2, 1e-6)).mean() > 0.5
 
 
@@ -88,8 +92,8 @@ def test_intervals_lean_on_neither_end_of_the_range_of_the_force(name: str) -> N
     prior, rng = on.prior, np.random.default_rng(4)
     low, high = prior.force_n
     for force_n in (0.3 * low, 0.9 * low, 1.1 * high, 5 * high):
-        position = rng.uniform(*prior.position_mm, 1000)
-        clean, deviation = prior.sampled(position, np.full(len(position), force_n))
+        position = rng.uniform(*prior.extent.position_mm, 1000)
+        clean, deviation = prior.sampled(on_axis(position), np.full(len(position), force_n))
         reading = clean + rng.normal(size=clean.shape) * deviation
         answers = on.answers(tuple(range(prior.channels)), reading)
         seen = answers["contact_log_odds"] > on.thresholds.touch[-1]
@@ -113,7 +117,7 @@ def test_a_known_force_stays_known_within_the_floor() -> None:
     answers = answers_of(graph, prior, drawn.deflection_mm)
     inside = (drawn.position_mm > 40) & (drawn.position_mm < 360)
     assert np.abs(answers["force_n"] / prior.force_n[1] - 1)[inside].mean() < 0.003
-    heavy = 3 * prior.force_n[1] * prior.influence_at(np.array([100.0, 250.0]))
+    heavy = 3 * prior.force_n[1] * prior.influence_at(np.array([[100.0], [250.0]]))
     answers = answers_of(graph, prior, heavy)
     assert answers["position_mm"] == pytest.approx([100.0, 250.0], abs=3)
     assert answers["force_n"] == pytest.approx(3 * prior.force_n[1], rel=0.03)
@@ -122,10 +126,10 @@ def test_a_known_force_stays_known_within_the_floor() -> None:
 def test_a_large_covariance_along_the_load_leaves_the_position_and_hides_the_force() -> None:
     # As just after a touch: the window mixes rest and load, so that the deflection is known up to its size.
     prior = with_floor(prior_of("bench", 4, 0.2, known=False))
-    clean = 8.0 * prior.influence_at(np.array([130.0]))[0]
+    clean = 8.0 * prior.influence_at(np.array([[130.0]]))[0]
     reading = clean[None] / 2
-    covariance = np.eye(4) * prior.noise_mm**2 + np.outer(clean, clean) / 400
-    weights = whitening(reading, covariance, prior.gain, prior.zero_mm)
+    covariance = np.eye(4) * prior.errors.noise_mm**2 + np.outer(clean, clean) / 400
+    weights = whitening(reading, covariance, prior.errors.gain, prior.errors.zero_mm)
     answers = runner(to_bytes(graph_of(prior)))(reading, weights)
     assert answers["position_low_mm"][0] < 130 < answers["position_high_mm"][0]
     assert answers["position_high_mm"][0] - answers["position_low_mm"][0] < 40
@@ -224,8 +228,10 @@ def test_any_channels_that_determine_a_position_do_so_as_well_as_they_can(name: 
 
 def test_an_estimator_resolves_the_posterior_of_samples_of_the_most_readings() -> None:
     prior = with_floor(prior_of("two-spans", 5, 0.25, known=False))
-    settled = dataclasses.replace(prior, noise_mm=prior.noise_mm / 20**0.5)
-    made = estimator_of("posterior", prior, min_noise_mm=settled.noise_mm, with_force=True, seed=0, progress=silent)
+    settled = prior.at_noise(prior.errors.noise_mm / 20**0.5)
+    made = estimator_of(
+        "posterior", prior, min_noise_mm=settled.errors.noise_mm, with_force=True, seed=0, progress=silent
+    )
     drawn = draw(settled, 1000, 9)
     answers = answers_of(made.graph, settled, drawn.deflection_mm)
     levels = np.tile([0.025, 0.975], (len(drawn.position_mm), 1))
@@ -237,7 +243,7 @@ def test_an_estimator_resolves_the_posterior_of_samples_of_the_most_readings() -
 
 def test_of_many_sensors_neighbours_show_how_many_are_enough() -> None:
     influence, sensor_mm = influence_of(paper_scene()), np.linspace(40.0, 360.0, 9)
-    prior = Prior.of(influence, sensor_mm, 0.05)
+    prior = Prior.of(influence, on_axis(sensor_mm), Errors(0.05))
     found = fewest_channels(prior, 0)
     assert 3 <= found < 9  # of three among nine there are 84 sets, more than are all evaluated
     assert MAX_SETS < 84
@@ -280,7 +286,7 @@ def test_nonsense_gets_a_sane_answer(
 def test_without_any_channel_the_answer_is_the_whole_range() -> None:
     prior = prior_of("bench", 3, 1.0, known=False)
     answers = answers_of(graph_of(prior), prior, np.zeros((1, 3)), np.zeros((1, 3), np.bool_))
-    low, high = prior.position_mm
+    low, high = prior.extent.position_mm
     assert answers["position_mm"][0] == pytest.approx((low + high) / 2, rel=1e-3)
     assert answers["position_high_mm"][0] - answers["position_low_mm"][0] >= 0.949 * (high - low)
     assert answers["contact_log_odds"][0] == pytest.approx(0, abs=1e-3)
@@ -292,8 +298,8 @@ def test_forces_over_six_decades() -> None:
     # Evenly over the decades instead of over the range: most contacts are then below the noise.
     rng = np.random.default_rng(3)
     force = 10 ** rng.uniform(np.log10(2e-5), np.log10(20), len(drawn.force_n))
-    clean = force[:, None] * prior.influence_at(drawn.position_mm)
-    readings = clean + rng.normal(scale=prior.noise_mm, size=clean.shape)
+    clean = force[:, None] * prior.influence_at(drawn.place_mm)
+    readings = clean + rng.normal(scale=prior.errors.noise_mm, size=clean.shape)
     answers = answers_of(graph_of(prior), prior, readings)
     check_sane(prior, answers)
     best = posterior_median_mm(prior, readings)
@@ -305,7 +311,7 @@ def test_forces_over_six_decades() -> None:
 
 
 def test_a_load_on_the_support_is_a_beam_at_rest() -> None:
-    prior = dataclasses.replace(prior_of("bench", 4, 0.1, known=False), position_mm=(0.0, 400.0))
-    answers = answers_of(graph_of(prior), prior, 20 * prior.influence_at(np.array([0.0, 400.0])))
+    prior = dataclasses.replace(prior_of("bench", 4, 0.1, known=False), extent=Extent.of_beam((0.0, 400.0)))
+    answers = answers_of(graph_of(prior), prior, 20 * prior.influence_at(np.array([[0.0], [400.0]])))
     check_sane(prior, answers)
     assert (answers["contact_log_odds"] < 1e-3).all()

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from beamtouch_models import runtime
-from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.accuracy.drawing import draw
+from beamtouch_models.design.accuracy.limit import posterior_median_mm
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.nominal_surface import FIXITY, GAIN
 from beamtouch_models.design.calibration.recordings import UnlabelledContacts
@@ -55,7 +56,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
 
     def seen(one: ModelFile) -> dict[str, np.ndarray]:
         return one.graph.estimate(
-            reading.astype(np.float32), prior_of_model(one.metadata).whitening(reading).astype(np.float32)
+            reading.astype(np.float32), prior_of_model(one.metadata).errors.whitening(reading).astype(np.float32)
         )
 
     before, after = (seen(one) for one in (bench, model))

@@ -1,6 +1,5 @@
 """The error by the time since a touch, as `build` states it: against the accuracy limit, and against `challenge`."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +54,7 @@ def test_a_mean_of_perfect_sensors_errs_by_what_the_noise_of_its_readings_leaves
 
     assert [one.readings for one in accuracy.since_touch] == [2, 5, 20, 100]
     for one in accuracy.since_touch:
-        least = accuracy_limit(replace(prior, noise_mm=reading_mm / one.readings**0.5), 1024, 1)
+        least = accuracy_limit(prior.at_noise(reading_mm / one.readings**0.5), 1024, 1)
         assert one.error_percent == pytest.approx(least.value, rel=0.12)
         assert one.error_standard_error is not None
         assert 0 < one.error_standard_error < 0.06 * one.error_percent

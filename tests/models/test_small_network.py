@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.limit import draw, posterior_median_mm
+from beamtouch_models.design.accuracy.drawing import draw
+from beamtouch_models.design.accuracy.limit import posterior_median_mm
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.thresholds import rate_per_sample, touch_thresholds
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.estimators.posterior.window import windowed_graph
 from beamtouch_models.design.estimators.small_network import Network, first_stage, train
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.error_model import whitening
 from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.runtime.session import runner
@@ -64,7 +66,7 @@ def test_training_takes_the_iterations_it_may_take_and_tells_how_far_it_is() -> 
 
 def covariances() -> dict[str, Floats]:
     """The covariance of a settled sample, and of others."""
-    white = np.eye(4) * PRIOR.noise_mm**2
+    white = np.eye(4) * PRIOR.errors.noise_mm**2
     mode = np.sin(np.pi * np.array([0.17, 0.39, 0.61, 0.83]))
     noisy = white * np.array([1, 1, 400, 1])
     return {
@@ -84,11 +86,11 @@ def test_it_answers_as_the_posterior_under_any_covariance_and_mask(
     covariance = covariances()[kind]
     drawn = draw(PRIOR, CONTACTS, 7)
     rng = np.random.default_rng(8)
-    excess = covariance - np.eye(4) * PRIOR.noise_mm**2
+    excess = covariance - np.eye(4) * PRIOR.errors.noise_mm**2
     reading = drawn.deflection_mm + rng.multivariate_normal(np.zeros(4), excess, CONTACTS)
     valid = np.arange(4) != (-1 if missing is None else missing)
     reading = np.where(valid, reading, 0.0)
-    weights = whitening(reading, covariance, PRIOR.gain, PRIOR.zero_mm, np.tile(valid, (CONTACTS, 1)))
+    weights = whitening(reading, covariance, PRIOR.errors.gain, PRIOR.errors.zero_mm, np.tile(valid, (CONTACTS, 1)))
     found, exact = (runner(to_bytes(one))(reading, weights) for one in (graph, graph_of(PRIOR)))
     assert list(found) == [*POSITION_OUTPUTS, *FORCE_OUTPUTS]
     assert share_held(found, "position", "mm", drawn.position_mm) >= 0.93
@@ -120,7 +122,7 @@ def test_a_load_beyond_a_known_force_is_placed_where_it_is() -> None:
     graph = graph_with(prior, trained(prior))
     position = np.linspace(40, 360, 1000)
     force = np.full(len(position), 3 * prior.force_n[1])
-    clean, deviation = prior.sampled(position, force)
+    clean, deviation = prior.sampled(on_axis(position), force)
     answers = answers_of(graph, prior, clean + np.random.default_rng(1).normal(size=clean.shape) * deviation)
     assert share_held(answers, "position", "mm", position) >= 0.93
     assert share_held(answers, "force", "n", force) >= 0.85

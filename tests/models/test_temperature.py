@@ -128,7 +128,7 @@ def test_the_drift_of_the_sensors_is_part_of_the_floor() -> None:
     assert "up to 6 um after a tare" in effect.reason
     assert "2.4 times zero drift" in effect.reason
     prior = resolve(drifting).prior(np.array([100.0, 200.0]))
-    assert prior.zero_mm == pytest.approx(resolve(drifting).readings.floor_mm)
+    assert prior.errors.zero_mm == pytest.approx(resolve(drifting).readings.floor_mm)
     assert resolve(still).readings.floor_mm == 0.001
 
 

@@ -19,6 +19,7 @@ from beamtouch_models.lab.challenge.challenge import distances
 from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.rig.loads import NOTHING, Load
 from beamtouch_models.lab.rig.surface import PERFECT, Imperfections, VirtualSurface
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import Calibration, Departures, Sensor
 from support.surfaces.example_scenes import SCENES, paper_scene
@@ -130,7 +131,7 @@ def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) 
     drawn = DrawnContacts.of(calibrated, 20, np.random.default_rng(10))
     clean = drawn.deflection_mm
     measured = calibrated.world.measured(clean[:, None], drawn.perfect)[:, 0]
-    linear = drawn.force_n[:, None] * prior.influence_at(drawn.position_mm)
+    linear = drawn.force_n[:, None] * prior.influence_at(on_axis(drawn.position_mm))
     np.testing.assert_allclose(measured, prior.measured(linear), rtol=1e-5)
     every = np.ones(measured.shape, np.bool_)
     assert distances(calibrated, measured, every).max() < 0.05

@@ -11,21 +11,23 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.zone_bands import band_at
+from beamtouch_models.places import Extent, on_axis
+from beamtouch_models.runtime.error_model import Errors
 from support.programs.in_process import Command, Refusal
 from support.surfaces.example_scenes import SCENES
 
 
-def _scales(load_mm: Floats) -> Floats:
+def _scales(place_mm: Floats) -> Floats:
     """A rigid bar on two springs of 1 N/mm at its ends: each carries the load by its lever."""
-    share = load_mm / 100
-    return np.stack([1 - share, share], axis=-1)
+    share = place_mm / 100
+    return np.concatenate([1 - share, share], axis=-1)
 
 
 @pytest.mark.parametrize(("noise_mm", "width_mm"), [(0.05, 2.3284), (0.01, 0.46568)])
 def test_the_band_of_a_bar_on_two_scales(noise_mm: float, width_mm: float) -> None:
     # Under F = 10 N, the position is l/2 (1 + (d2 - d1)/F), of deviation l s / (F sqrt(2)).
     # The band is 2 * 1.68 * 1.96 of it.
-    prior = Prior(100.0, (0.0, 100.0), (10.0, 10.0), noise_mm, 2, _scales)
+    prior = Prior(Extent.of_beam((0.0, 100.0)), 100.0, (10.0, 10.0), Errors(noise_mm), 2, _scales)
     band = band_at(prior, 40.0, 1)
     assert band.width_mm == pytest.approx(width_mm, rel=0.04)
     assert band.wrong <= 0.005
@@ -34,10 +36,10 @@ def test_the_band_of_a_bar_on_two_scales(noise_mm: float, width_mm: float) -> No
 @pytest.mark.parametrize("edge_mm", [1.0, 5.0, 40.0])
 def test_the_band_ends_with_the_contacts(edge_mm: float) -> None:
     # The integral itself: contacts all over the bar, of which the share that is unsure.
-    prior = Prior(100.0, (0.0, 100.0), (10.0, 10.0), 0.5, 2, _scales)
+    prior = Prior(Extent.of_beam((0.0, 100.0)), 100.0, (10.0, 10.0), Errors(0.5), 2, _scales)
     random = np.random.default_rng(2)
     position_mm = random.uniform(0, 100, 4000)
-    clean, deviation = prior.sampled(position_mm, np.full(4000, 10.0))
+    clean, deviation = prior.sampled(on_axis(position_mm), np.full(4000, 10.0))
     samples = clean + random.normal(size=clean.shape) * deviation
     spans = posterior_quantiles(prior, samples, np.tile((0.5, 0.025, 0.975), (4000, 1)))[0]
     zone = Zone(from_mm=edge_mm, to_mm=100.0)
@@ -48,7 +50,7 @@ def test_the_band_ends_with_the_contacts(edge_mm: float) -> None:
 
 
 def test_where_there_are_no_contacts_there_is_no_band() -> None:
-    prior = Prior(100.0, (40.0, 60.0), (10.0, 10.0), 0.01, 2, _scales)
+    prior = Prior(Extent.of_beam((40.0, 60.0)), 100.0, (10.0, 10.0), Errors(0.01), 2, _scales)
     assert band_at(prior, 3.0, 1)[1:] == (0.0, 0.0)
 
 

@@ -125,7 +125,7 @@ def held(model: Model, line: Line, surface: Settings) -> tuple[float, float]:
             moving += 1
             covariance[np.tril_indices(CHANNELS)] = sample.covariance_mm2
             covariance = np.tril(covariance) + np.tril(covariance, -1).T
-        answer = model.run(mean, whitening(mean, covariance, model.prior.gain, model.prior.zero_mm))
+        answer = model.run(mean, whitening(mean, covariance, model.prior.errors.gain, model.prior.errors.zero_mm))
         inside += bool(answer["position_low_mm"][0] <= at_mm <= answer["position_high_mm"][0])
     return inside / TOUCHES, moving / TOUCHES
 

@@ -141,12 +141,12 @@ def _load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
 def _bands_of(surface: Surface, zones: dict[str, Zone], effort: Effort) -> list[Edge]:
     """Return the forecast for each edge within the beam, with the sensors where `place` puts them."""
     placed = place_sensors(surface, seed=SEED, aim=replace(DEFAULT_AIM, effort=effort)).prior
-    at_rest = replace(placed, noise_mm=surface.errors.min_noise_mm or placed.noise_mm)
+    at_rest = placed.at_noise(surface.sampling.settled.noise_mm)
     edges = []
     for name, zone in zones.items():
         range_n = _forces_n(zone, at_rest.force_n)
         for edge_mm in (zone.from_mm, zone.to_mm):
-            if 0 < edge_mm < placed.length_mm:
+            if 0 < edge_mm < placed.diagonal_mm:
                 band = band_at(at_rest, edge_mm, SEED, range_n)
                 edges.append(Edge(name, edge_mm, band.width_mm, 100 * band.wrong))
     return edges

@@ -81,7 +81,7 @@ def _rows(found: dict[str, Any], layout: Layout) -> list[tuple[str, str]]:
     leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
     product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
     percent, noise_mm = found["accuracy_limit_percent"], surface.errors.noise_mm
-    error_mm = percent / 100 * surface.influence.length_mm
+    error_mm = percent / 100 * surface.influence.diagonal_mm
     without = ", ".join(
         f"{digits(percent, 3)} % +- {digits(error, 1)} without {position:g}"
         for position, percent, error in zip(

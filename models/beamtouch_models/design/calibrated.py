@@ -23,16 +23,15 @@ def prior_of_model(metadata: Metadata) -> Prior:
     """
     surface, sensor_mm = resolve_model(metadata), metadata.layout_mm
     floor = metadata.floor
-    prior = replace(
-        surface.prior(sensor_mm),
-        noise_mm=metadata.noise.sample_mm,
-        gain=np.array(floor.gain),
-        zero_mm=np.array(floor.zero_mm),
+    prior = surface.prior(sensor_mm)
+    errors = replace(
+        prior.errors, noise_mm=metadata.noise.sample_mm, gain=np.array(floor.gain), zero_mm=np.array(floor.zero_mm)
     )
+    prior = replace(prior, errors=errors)
     if metadata.calibration is None:
         return prior
     # A calibration finds the positions of the sensors.
-    prior = replace(prior, uncertain_at=None)
+    prior = replace(prior, variance_at=None)
     return depart(prior, surface.beam, surface.contact_width_mm, sensor_mm, metadata.calibration.departures)
 
 
@@ -47,6 +46,6 @@ def depart(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, departu
     return replace(prior, influence_at=influence_at, measured=departures.measure)
 
 
-def _real_influence(gain: Floats, beam: Beam, true_mm: Floats, width_mm: float, load_mm: Floats) -> Floats:
-    matrix: Floats = gain * influence(beam, true_mm, load_mm, width_mm)
+def _real_influence(gain: Floats, beam: Beam, true_mm: Floats, width_mm: float, place_mm: Floats) -> Floats:
+    matrix: Floats = gain * influence(beam, true_mm, place_mm[:, 0], width_mm)
     return matrix

@@ -27,7 +27,7 @@ from beamtouch_models.design.accuracy.thresholds import (
 )
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
-from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_positions
+from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_layout
 from beamtouch_models.design.pricing.noise import check_scale
 from beamtouch_models.design.scene.plausible import too_close
 from beamtouch_models.design.scene.tables import MAX_SENSORS
@@ -37,6 +37,7 @@ from beamtouch_models.design.world import World
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.numbers import number, numbers, places_in, whole
+from beamtouch_models.places import on_axis
 
 if TYPE_CHECKING:
     from beamtouch_models.design.model import Model
@@ -139,9 +140,9 @@ class Layout:
                     f"noise_mm = {stated_mm:g}: must be more than 0; without noise there is no accuracy limit"
                 )
             check_scale(stated_mm, self.surface.travel.largest_mm)
-            prior = replace(prior, noise_mm=stated_mm)
+            prior = prior.at_noise(stated_mm)
         percent = limit.accuracy_limit(prior, whole(draws, "draws", 1), whole(seed, "seed", 0))
-        return percent.scaled(prior.length_mm / 100)
+        return percent.scaled(prior.diagonal_mm / 100)
 
     def error_along(self, position_mm: ArrayLike | None = None, *, draws: int = 64, seed: int = 0) -> ErrorAlong:
         """Return the accuracy limit along the beam, with all errors, as `limit`.
@@ -158,11 +159,11 @@ class Layout:
             An argument is not as its line says.
         """
         draws, prior, rng = whole(draws, "draws", 2), self.prior, np.random.default_rng(whole(seed, "seed", 0))
-        low, high = prior.position_mm
+        low, high = prior.extent.position_mm
         along = np.linspace(low, high, POSITIONS) if position_mm is None else position_mm
         places = numbers(along, "position_mm", least=low, most=high)
         repeated = np.repeat(places, draws)
-        samples = prior.draw(repeated, rng.uniform(*prior.force_n, size=len(repeated)), rng)
+        samples = prior.draw(on_axis(repeated), rng.uniform(*prior.force_n, size=len(repeated)), rng)
         distance = posterior_quantiles(prior, samples)[1].reshape(-1, draws)
         return ErrorAlong(places, distance.mean(axis=1), distance.std(axis=1, ddof=1) / math.sqrt(draws))
 
@@ -190,12 +191,12 @@ class Layout:
         >>> answers["position_low_mm"] < [60, 200, 340]
         array([ True,  True,  True])
         """
-        places = places_in(position_mm, "position_mm", self.surface.influence.length_mm)
+        places = places_in(position_mm, "position_mm", self.surface.influence.diagonal_mm)
         forces = numbers(force_n, "force_n", least=0.0)
         if len(forces) not in (1, len(places)):
             raise SceneError(f"force_n: give one number, or one for each of {len(places)} positions, not {len(forces)}")
         rng = np.random.default_rng(whole(seed, "seed", 0))
-        return self.prior.draw(places, np.broadcast_to(forces, places.shape), rng)
+        return self.prior.draw(on_axis(places), np.broadcast_to(forces, places.shape), rng)
 
     def build(
         self,
@@ -260,7 +261,7 @@ def place_sensors(
         surface.rules,
         (count, count) if count else surface.scene.sensors.count_range,
         wanted_mm=surface.scene.requirements.position_error_mm,
-        errors=surface.errors,
+        sampling=surface.sampling,
         seed=seed,
         aim=aim,
         progress=progress,
@@ -274,13 +275,14 @@ def keep_sensors(surface: Surface, positions_mm: Sequence[float], aim: Aim = DEF
     `aim` is that of the build that has placed them.
     """
     surface.check(len(positions_mm))
-    placement = Placement(tuple(positions_mm), score_positions(surface.influence, np.array(positions_mm)), 0)
+    places = on_axis(np.array(positions_mm, dtype=np.float64))
+    placement = Placement(places, score_layout(surface.influence, places), 0)
     return _checked(Layout(surface, placement, aim))
 
 
 def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
     """Return the layout of sensors at positions (sensors,) that a script names; raises as `Surface.layout`."""
-    scene, places_mm = surface.scene, places_in(positions_mm, "positions_mm", surface.influence.length_mm).tolist()
+    scene, places_mm = surface.scene, places_in(positions_mm, "positions_mm", surface.influence.diagonal_mm).tolist()
     if len(places_mm) > MAX_SENSORS:
         raise SceneError(f"positions_mm: give at most {MAX_SENSORS} positions, not {len(places_mm)}")
     if twice := [place for place in places_mm if places_mm.count(place) > 1]:
@@ -297,7 +299,7 @@ def _checked(layout: Layout) -> Layout:
     surface, prior = layout.surface, layout.prior
     surface.check_spacing(layout.placement.positions_mm)
     threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), surface.touch_rate)
-    least = float(smallest_force_n(prior, threshold, np.linspace(*prior.position_mm, PLACES)).min())
+    least = float(smallest_force_n(prior, threshold, prior.extent.grid(PLACES)).min())
     if least > prior.force_n[1]:
         raise SceneError(
             f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and contact.force_n "

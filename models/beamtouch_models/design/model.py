@@ -13,13 +13,14 @@ from beamtouch_common.digits import digits
 from beamtouch_common.files import write_atomically
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import evaluation
-from beamtouch_models.design.accuracy.evaluation import Evaluation, at_noise
+from beamtouch_models.design.accuracy.evaluation import Evaluation
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, check_own
 from beamtouch_models.design.pricing.noise import check_scale
 from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.numbers import array_of, numbers, whole
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.loading import MAX_RATIO, ModelFile
 
@@ -118,18 +119,18 @@ class Model(ModelFile):
         draws, seed, metadata = whole(draws, "draws", 1), whole(seed, "seed", 0), self.metadata
         prior = prior_of_model(metadata)
         if influence is not None:
-            check_own(influence, prior.length_mm, prior.position_mm, prior.force_n)
+            check_own(influence, prior.diagonal_mm, prior.extent.position_mm, prior.force_n)
             gain = np.array(metadata.departures.gain)
             prior = replace(prior, influence_at=partial(_scaled, influence, metadata.layout_mm, gain))
         if noise_mm is not None:
             stated_mm = numbers(noise_mm, "noise_mm", least=0.0)[0]
             check_scale(stated_mm, metadata.max_deflection_mm)
-            prior = at_noise(prior, float(stated_mm))
+            prior = prior.at_noise(float(stated_mm))
         return evaluation.evaluate(self, prior, draws=draws, seed=seed, progress=progress, spread=spread)
 
 
-def _scaled(influence: InfluenceFunction, sensor_mm: Floats, gain: Floats, load_mm: Floats) -> Floats:
-    matrix: Floats = gain * influence.at(sensor_mm, load_mm)
+def _scaled(influence: InfluenceFunction, sensor_mm: Floats, gain: Floats, place_mm: Floats) -> Floats:
+    matrix: Floats = gain * influence.at(on_axis(sensor_mm), place_mm)
     return matrix
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.thresholds import rate_per_sample, readings_alike
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.physics.beam import Travel, influence_of, sensor_positions_mm, travel_of
@@ -26,6 +26,7 @@ from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.physics.motion import slowest_period_ms
 from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
+from beamtouch_models.design.placement.position_error import Sampling
 from beamtouch_models.design.pricing.aliases import unseen_swing
 from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
 from beamtouch_models.design.pricing.prices import Effect, effects_of, without_negligible
@@ -36,6 +37,8 @@ from beamtouch_models.errors import SceneError, require
 from beamtouch_models.filters import Chain
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import at_least, at_most, number, whole
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.metadata import FilterChoice, Metadata, Noise, Sensor
 
 if TYPE_CHECKING:
@@ -89,10 +92,16 @@ class Surface:
     influence: InfluenceFunction
     """Of that beam and width, or the user's own."""
     has_own_influence: bool
-    errors: SampleErrors
+    sampling: Sampling
+    """The errors, and what else decides which loads a layout tells."""
     rules: LayoutRules
     """Where sensors may stand. Housings do not overlap, and neighbours are farther apart than their mounting tolerance:
     they do not change places."""
+
+    @property
+    def errors(self) -> Errors:
+        """Errors of a sample."""
+        return self.sampling.errors
 
     @property
     def touch_rate(self) -> float:
@@ -132,10 +141,10 @@ class Surface:
 
     def __repr__(self) -> str:
         """Return what the surface is: its beam, its contacts, and the noise of a sample."""
-        (low, high), (weak, strong) = self.influence.position_mm, self.influence.force_n
+        (low, high), (weak, strong) = self.influence.extent.position_mm, self.influence.force_n
         forces = f"{weak:g}" if weak == strong else f"{weak:g}..{strong:g}"
         contacts, noise_mm = f"contacts at {low:g}..{high:g} mm with {forces} N", digits(self.errors.noise_mm, 3)
-        return f"Surface({self.influence.length_mm:g} mm long, {contacts}, {noise_mm} mm of noise a sample)"
+        return f"Surface({self.influence.diagonal_mm:g} mm long, {contacts}, {noise_mm} mm of noise a sample)"
 
     def place(
         self,
@@ -190,7 +199,7 @@ class Surface:
 
     def prior(self, sensor_mm: Floats) -> Prior:
         """Return the prior of the surface with sensors at positions (channels,), in mm."""
-        return Prior.real(self.influence, sensor_mm, self.errors)
+        return Prior.of(self.influence, on_axis(sensor_mm), self.errors)
 
     def check(self, count: int | None = None) -> None:
         """Refuse a scene of which no surface can be built.
@@ -210,7 +219,7 @@ class Surface:
             raise SceneError("sensors: with a noise of 0 there are no intervals; state the noise of a reading")
         _sensor_of(scene, self.travel)
         fewest = min(sensors.fewest, sensors.count_range[1])
-        equal_layout(self.rules, scene.beam.length_mm, count or fewest)
+        equal_layout(self.rules, self.influence.size_mm, count or fewest)
 
     def check_spacing(self, positions_mm: Sequence[float]) -> None:
         """Raise SceneError if the mounting tolerance lets neighbouring sensors change places."""
@@ -254,17 +263,9 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         travel.check_small_angles(scene.sensors.range_mm[1] - scene.sensors.range_mm[0])
         check_errors(scene, readings, chosen, travel.largest_mm)
     is_priced = influence is None and readings.reading_mm > 0
-    effects = effects_of(scene, chosen, readings, rules.position_mm) if is_priced else ()
+    effects = effects_of(scene, chosen, readings, rules.place_mm[:, 0]) if is_priced else ()
     modelled, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
-    errors = SampleErrors(
-        noise.sample_mm,
-        readings.gain,
-        readings.floor_mm,
-        modelled.sensors.mounting_tolerance_mm,
-        chosen.min_noise_mm(noise),
-        sensors.rate_hz,
-        readings_alike(chosen),
-    )
+    errors = Errors(noise.sample_mm, readings.gain, readings.floor_mm, modelled.sensors.mounting_tolerance_mm)
     return Surface(
         scene=scene,
         filter=chosen,
@@ -275,7 +276,7 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         contact_width_mm=modelled.contact.width_mm,
         influence=influence or influence_of(modelled),
         has_own_influence=influence is not None,
-        errors=errors,
+        sampling=Sampling(errors, chosen.min_noise_mm(noise), sensors.rate_hz, readings_alike(chosen)),
         rules=rules,
     )
 
@@ -284,7 +285,7 @@ def rules_of(scene: Scene) -> LayoutRules:
     """Return where the sensors of a scene may stand; SceneError as `sensor_positions_mm`."""
     sensors, allowed_mm = scene.sensors, sensor_positions_mm(scene)
     distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
-    return LayoutRules(allowed_mm, np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
+    return LayoutRules(on_axis(allowed_mm), np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
 
 
 def resolve_model(metadata: Metadata) -> Surface:

@@ -1,23 +1,25 @@
-"""The influence curve of a surface: the deflections at its sensors per newton, for each position of the contact.
+"""The influence of a surface: what its sensors show per newton, for each place of the contact.
 
-`Curve.best_contacts` finds the single contact that explains deflections best: for the health of sensors, calibration,
-placement and the challenge. Numpy only, and pure.
+`InfluenceTable.best_contacts` finds the single contact that explains deflections best: for the health of sensors,
+calibration, placement and the challenge. Numpy only, and pure.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.places import grid_of
 from beamtouch_models.runtime.metadata import Departures, Metadata
 
 STEPS = 3
-"""Steps of Gauss and Newton from the best entry of the table; each squares the distance to the best contact."""
+"""Steps of Gauss and Newton from the best node of the table; each squares the distance to the best contact."""
 FLAT = 1e-9
-"""Deflection over the largest one below which an entry of the table counts as a support."""
+"""Deflection over the largest one below which a node of the table counts as a support."""
 SINGULAR = 1e-9
-"""Smallest part of the precision of a position that does not depend on the force."""
+"""Smallest part of the precision of a place that does not depend on the force."""
 _POWERS = np.arange(4)
 _LAGRANGE = np.linalg.inv(np.vander(_POWERS.astype(np.float64), increasing=True))
 """Coefficients of the cubic through four entries of a table, from the entries."""
@@ -28,28 +30,54 @@ _TINY = float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True)
 class Curve:
-    """A table of the influence, with cubic interpolation."""
+    """A table of the influence, with cubic interpolation along each axis."""
 
-    load_mm: Floats
-    """(loads,) evenly spaced positions of the contact."""
+    ticks: tuple[Floats, ...]
+    """(axes,), evenly spaced coordinates of the nodes along each axis, four at least."""
     influence: Floats
-    """(loads, channels) mm/N."""
+    """(nodes, channels) mm/N, at the places of `places.grid_of` the ticks."""
 
-    def at(self, position_mm: Floats) -> tuple[Floats, Floats]:
-        """Return the influence and its slope at positions (contacts,), (contacts, channels) in mm/N and 1/N."""
-        step = self.load_mm[1] - self.load_mm[0]
-        place = (position_mm - self.load_mm[0]) / step
-        first = np.clip(np.floor(place).astype(np.intp) - 1, 0, len(self.load_mm) - 4)
-        powers, table = (place - first)[:, None] ** _POWERS, self.influence[first[:, None] + _POWERS]
-        value = np.einsum("np,npc->nc", powers @ _LAGRANGE, table)
-        return value, np.einsum("np,npc->nc", powers[:, :-1] @ _SLOPES / step, table)
+    @cached_property
+    def place_mm(self) -> Floats:
+        """The nodes, (nodes, axes)."""
+        return grid_of(list(self.ticks))
+
+    def at(self, place_mm: Floats) -> tuple[Floats, Floats]:
+        """Return the influence (contacts, channels) in mm/N and its slopes (contacts, channels, axes) in 1/N at places.
+
+        Places are (contacts, axes).
+        """
+        rows = np.zeros((len(place_mm), 1), dtype=np.intp)
+        weights = []
+        for axis, ticks in enumerate(self.ticks):
+            step = ticks[1] - ticks[0]
+            along = (place_mm[:, axis] - ticks[0]) / step
+            first = np.clip(np.floor(along).astype(np.intp) - 1, 0, len(ticks) - 4)
+            powers = (along - first)[:, None] ** _POWERS
+            weights.append((powers @ _LAGRANGE, powers[:, :-1] @ _SLOPES / step))
+            rows = (rows[:, :, None] * len(ticks) + (first[:, None] + _POWERS)[:, None, :]).reshape(len(rows), -1)
+        table = self.influence[rows]
+
+        def along_axes(sloped: int | None) -> Floats:
+            """Return the values, or their slope along an axis."""
+            values = table
+            for axis, pair in enumerate(weights):
+                parts = values.reshape(len(values), 4, -1, table.shape[2])
+                values = np.einsum("np,npkc->nkc", pair[axis == sloped], parts)
+            return values[:, 0]
+
+        return along_axes(None), np.stack([along_axes(axis) for axis in range(len(weights))], axis=-1)
 
     def best_contacts(
         self, linear_mm: Floats, weight: Floats, known_force_n: float | None = None
     ) -> tuple[Floats, Floats]:
-        """Return position [mm] and force [N] (contacts,) that fit deflections best, by weights (contacts, channels).
+        """Return the contacts that fit deflections best, by weights (contacts, channels).
 
-        If the force is known, the position alone is found.
+        If the force is known, the place alone is found.
+
+        Returns
+        -------
+        places (contacts, axes) in mm, and forces (contacts,) in N
         """
         square = (self.influence**2).sum(axis=1)
         # On a support, only rounding is left, which would fit anything under a huge force.
@@ -61,66 +89,78 @@ class Curve:
         else:
             best = (2 * along - known_force_n * square).argmax(axis=1)
             force = np.full(len(best), known_force_n)
-        position = self.load_mm[best]
-        reach = 2 * (self.load_mm[1] - self.load_mm[0])
-        low, high = np.maximum(position - reach, self.load_mm[0]), np.minimum(position + reach, self.load_mm[-1])
-        shape, slope = self.at(position)
-        first = position, force, _explained(weight, force, shape, linear_mm)
+        place = self.place_mm[best]
+        reach = 2 * np.array([ticks[1] - ticks[0] for ticks in self.ticks])
+        ends = (np.array([ticks[end] for ticks in self.ticks]) for end in (0, -1))
+        low, high = np.maximum(place - reach, next(ends)), np.minimum(place + reach, next(ends))
+        shape, slope = self.at(place)
+        first = place, force, _explained(weight, force, shape, linear_mm)
         for _ in range(STEPS):
-            moved = force[:, None] * slope
-            left = linear_mm - force[:, None] * shape
-            along_slope, square_slope = _dot(weight, moved, left), _dot(weight, moved, moved)
+            moved, left = force[:, None, None] * slope, linear_mm - force[:, None] * shape
             if known_force_n is None:
-                square_shape, both = _dot(weight, shape, shape), _dot(weight, shape, moved)
-                # One channel, or a contact on a support, does not say where the contact is.
-                independent = square_shape * square_slope
-                determinant = np.maximum(independent - both**2, SINGULAR * independent + _TINY)
-                step = (square_shape * along_slope - both * _dot(weight, shape, left)) / determinant
+                # A change along the shape may as well come from the force.
+                square = np.maximum(_dot(weight, shape, shape), _TINY)
+                along_shape = np.einsum("nc,nca,nc->na", weight, moved, shape) / square[:, None]
+                across = moved - shape[:, :, None] * along_shape[:, None]
             else:
-                step = along_slope / np.maximum(square_slope, _TINY)
-            position = np.clip(position + step, low, high)
-            shape, slope = self.at(position)
+                across = moved
+            place = np.clip(place + _step(weight, moved, across, left), low, high)
+            shape, slope = self.at(place)
             if known_force_n is None:
                 force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)
         # Beside a support, a step may end on the other side, where only a pull fits.
         is_worse = _explained(weight, force, shape, linear_mm) < first[2]
-        return np.where(is_worse, first[0], position), np.where(is_worse, first[1], force)
+        return np.where(is_worse[:, None], first[0], place), np.where(is_worse, first[1], force)
 
     def unexplained(self, linear_mm: Floats, weight: Floats) -> Floats:
         """Return the weighted squares that the best contact leaves of deflections, (contacts,); a contact never pulls.
 
         The arguments are those of `best_contacts`.
         """
-        position, force = self.best_contacts(linear_mm, weight)
-        left = linear_mm - np.maximum(force, 0.0)[:, None] * self.at(position)[0]
+        place, force = self.best_contacts(linear_mm, weight)
+        left = linear_mm - np.maximum(force, 0.0)[:, None] * self.at(place)[0]
         return _dot(weight, left, left)
 
 
 @dataclass(frozen=True)
 class InfluenceCurve(Curve):
-    """The curve of a surface with departures, and what its sensors measure."""
+    """The influence of a surface with departures, and what its sensors measure."""
 
     departures: Departures
     """Those of the surface, whose gains the influence holds; none of a model that is not calibrated."""
 
     @classmethod
     def of(cls, metadata: Metadata) -> Self:
-        """Return the curve of a model."""
+        """Return the influence of a model."""
         table = np.array(metadata.influence.mm_per_n)
-        return cls(np.linspace(*metadata.ranges.position_mm, len(table)), table, metadata.departures)
+        return cls((np.linspace(*metadata.ranges.position_mm, len(table)),), table, metadata.departures)
 
-    def measured_mm(self, position_mm: Floats, force_n: Floats) -> Floats:
-        """Return what the sensors measure under contacts (contacts,), (contacts, channels)."""
-        return self.departures.measure(force_n[:, None] * self.at(position_mm)[0])
+    def measured_mm(self, place_mm: Floats, force_n: Floats) -> Floats:
+        """Return what the sensors measure under contacts at places (contacts, axes), (contacts, channels)."""
+        return self.departures.measure(force_n[:, None] * self.at(place_mm)[0])
 
-    def moved_mm(self, position_mm: Floats, force_n: Floats) -> Floats:
-        """Return how `measured_mm` changes with 1 mm of the position, and with the whole force, relatively.
+    def moved_mm(self, place_mm: Floats, force_n: Floats) -> Floats:
+        """Return how `measured_mm` changes with 1 mm along each axis, and with the whole force, relatively.
 
-        The shape is (2, contacts, channels).
+        The shape is (axes + 1, contacts, channels).
         """
-        shape, slope = self.at(position_mm)
+        shape, slope = self.at(place_mm)
         bent = self.departures.slope(force_n[:, None] * shape) * force_n[:, None]
-        return np.stack([bent * slope, bent * shape])
+        return np.stack([*np.moveaxis(bent[:, :, None] * slope, 2, 0), bent * shape])
+
+
+def _step(weight: Floats, moved: Floats, across: Floats, left: Floats) -> Floats:
+    """Return the step of the place (contacts, axes) that takes most of the residuals `left` (contacts, channels).
+
+    `moved` (contacts, channels, axes) is how the deflections move along each axis, `across` the part of it that a force
+    does not explain. One channel, or a contact on a support, does not say where the contact is.
+    """
+    weighed = weight[:, :, None] * across
+    precision = np.einsum("nca,ncb->nab", weighed, across)
+    own = np.einsum("nc,nca,nca->na", weight, moved, moved)
+    axes = np.arange(moved.shape[2])
+    precision[:, axes, axes] = np.maximum(precision[:, axes, axes], SINGULAR * own + _TINY)
+    return np.linalg.solve(precision, np.einsum("nca,nc->na", weighed, left)[..., None])[..., 0]
 
 
 def _explained(weight: Floats, force_n: Floats, shape: Floats, linear_mm: Floats) -> Floats:

@@ -8,43 +8,78 @@ with the noise of the sample, the error of the zero, the relative error of the g
 that the mounting of the sensors leaves; all are standard deviations. Only the noise averages away. What gains and zeros
 add, which no sample can know, is the floor. `whitening` adds it to the covariance that a sample states of its mean: the
 matrix that a model's graph takes. The last term depends on the force, so it is not in that matrix: `posterior` and the
-graph add it at each position. Pure; float64.
+graph add it at each place. Pure; float64.
 """
+
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.arrays import Bools, Floats, Indices
 
 NORMAL_975 = 1.959964
 """97.5 % quantile; an interval of 95 % reaches this many standard deviations to either side."""
 
 
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of a sample, as standard deviations: a number for every channel, or (channels,) one for each.
+
+    >>> Errors(0.003, gain=0.01, zero_mm=0.004).deviation_mm(np.array([[0.0, 1.2]]))
+    array([[0.005, 0.013]])
+    """
+
+    noise_mm: float
+    """What averages away."""
+    gain: ArrayLike = 0.0
+    """Relative error of the gain that is left after calibration."""
+    zero_mm: ArrayLike = 0.0
+    mounting_mm: float = 0.0
+    """Error of a sensor's place along each axis."""
+
+    def variance_mm2(self, deflection_mm: Floats, mounting_mm2: Floats | float = 0.0) -> Floats:
+        """Return the variances of samples (..., channels) of deflections.
+
+        `mounting_mm2` (..., channels) is the variance of these deflections that the mounting of the sensors leaves.
+        """
+        floor = floor_mm2(deflection_mm, self.gain, self.zero_mm)
+        variance: Floats = floor + np.square(self.noise_mm) + mounting_mm2
+        return variance
+
+    def deviation_mm(self, deflection_mm: Floats, mounting_mm2: Floats | float = 0.0) -> Floats:
+        """Return the standard deviations; arguments as those of `variance_mm2`."""
+        return np.sqrt(self.variance_mm2(deflection_mm, mounting_mm2))
+
+    def whitening(
+        self, deflection_mm: Floats, covariance_mm2: Floats | None = None, valid: Bools | None = None
+    ) -> Floats:
+        """Return the whitening of samples, without what the mounting leaves; arguments and errors as `whitening`.
+
+        `covariance_mm2` is that which each sample states; default: the noise, independent from channel to channel.
+        """
+        if covariance_mm2 is None:
+            covariance_mm2 = np.eye(deflection_mm.shape[1]) * self.noise_mm**2
+        return whitening(deflection_mm.astype(np.float64), covariance_mm2, self.gain, self.zero_mm, valid)
+
+    def of_channels(self, channels: int) -> tuple[Floats, Floats]:
+        """Return the errors of gain and zero of each channel, (channels,)."""
+        return np.broadcast_to(self.gain, channels), np.broadcast_to(self.zero_mm, channels)
+
+    def take(self, kept: Indices, channels: int) -> Self:
+        """Return the errors of some of this number of channels."""
+        gain, zero_mm = self.of_channels(channels)
+        return replace(self, gain=gain[kept], zero_mm=zero_mm[kept])
+
+
 def floor_mm2(deflection_mm: ArrayLike, gain: ArrayLike, zero_mm: ArrayLike) -> Floats:
-    """Return what gains and zeros add to the variances; arguments as those of `variance_mm2`."""
+    """Return what gains and zeros add to the variances of deflections (..., channels), in mm^2; arguments broadcast.
+
+    `gain` and `zero_mm` are standard deviations, as those of `Errors`.
+    """
     floor: Floats = np.square(np.asarray(gain) * deflection_mm) + np.square(zero_mm)
     return floor
-
-
-def variance_mm2(
-    deflection_mm: ArrayLike,
-    noise_mm: ArrayLike = 0.0,
-    gain: ArrayLike = 0.0,
-    zero_mm: ArrayLike = 0.0,
-    moved_mm: ArrayLike = 0.0,
-) -> Floats:
-    """Return the variances of samples (..., channels) in mm^2; the arguments broadcast to that shape.
-
-    Parameters
-    ----------
-    deflection_mm : (..., channels) in mm
-    noise_mm : standard deviation of the noise
-    gain : standard deviation of the relative error of the gain
-    zero_mm : standard deviation of the zero
-    moved_mm : standard deviation of the deflection that the mounting of the sensors leaves, F dG
-    """
-    variance: Floats = floor_mm2(deflection_mm, gain, zero_mm) + np.square(noise_mm) + np.square(moved_mm)
-    return variance
 
 
 def whitening(

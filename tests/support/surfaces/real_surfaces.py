@@ -9,6 +9,8 @@ from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.scene import parse_scene
 from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.metadata import Metadata
 
 POSITIONS, FORCES = np.linspace(20.0, 380.0, 10), np.full(10, 12.0)
@@ -41,7 +43,7 @@ def random_imperfections(metadata: Metadata, rng: np.random.Generator) -> Imperf
 def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
     """What an estimator would know that knew everything of the real surface."""
     scene, layout_mm = parse_scene(metadata.scene, metadata.name), metadata.layout_mm
-    prior = Prior.of(influence_of(scene), layout_mm, metadata.noise.sample_mm)
+    prior = Prior.of(influence_of(scene), on_axis(layout_mm), Errors(metadata.noise.sample_mm))
     return depart(prior, scene.beam, scene.contact.width_mm, layout_mm, real.departures(len(layout_mm)))
 
 
@@ -66,7 +68,7 @@ def recorded(
     true = np.clip(said + hand_mm * rng.normal(size=count), low, high)
     pressed = force * (1 + FORCE_PER_MM * hand_mm * rng.normal(size=count))
     prior = true_prior(metadata, real)
-    clean = prior.measured(pressed[:, None] * prior.influence_at(true))
+    clean = prior.measured(pressed[:, None] * prior.influence_at(on_axis(true)))
     deviation = metadata.noise.reading_mm / np.sqrt(SAMPLES)
     first = np.arange(count) * SAMPLES + 2
     return Loads(
@@ -100,5 +102,5 @@ def deflections_on(
 ) -> Floats:
     """Return what the sensors of a real surface measure of loads, without noise: (loads, channels) in mm."""
     prior = true_prior(metadata, real)
-    measured_mm: Floats = prior.measured(force_n[:, None] * prior.influence_at(position_mm))
+    measured_mm: Floats = prior.measured(force_n[:, None] * prior.influence_at(on_axis(position_mm)))
     return measured_mm

@@ -4,12 +4,15 @@ import numpy as np
 
 from beamtouch_models import InfluenceFunction
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.placement.placing import fewest_sensors
+from beamtouch_models.design.placement.position_error import Sampling
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import resolve, rules_of
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
 
 
 def problem_in(scene: Scene) -> tuple[InfluenceFunction, LayoutRules]:
@@ -17,15 +20,15 @@ def problem_in(scene: Scene) -> tuple[InfluenceFunction, LayoutRules]:
     return influence_of(scene), rules_of(scene)
 
 
-def errors_in(scene: Scene, noise_mm: float) -> SampleErrors:
+def errors_in(scene: Scene, noise_mm: float) -> Errors:
     """Errors of a sample with this noise, all that a scene states."""
     readings = resolve(scene).readings
-    return SampleErrors(noise_mm, readings.gain, readings.floor_mm, scene.sensors.mounting_tolerance_mm)
+    return Errors(noise_mm, readings.gain, readings.floor_mm, scene.sensors.mounting_tolerance_mm)
 
 
 def real_prior(scene: Scene, sensor_mm: Floats, noise_mm: float) -> Prior:
     """Prior of a scene with the errors of its sensors."""
-    return Prior.real(influence_of(scene), sensor_mm, errors_in(scene, noise_mm))
+    return Prior.of(influence_of(scene), on_axis(sensor_mm), errors_in(scene, noise_mm))
 
 
 def fewest_mm(scene: Scene, noise_mm: float) -> Floats:
@@ -34,7 +37,7 @@ def fewest_mm(scene: Scene, noise_mm: float) -> Floats:
         *problem_in(scene),
         scene.sensors.count_range,
         wanted_mm=scene.requirements.position_error_mm,
-        errors=errors_in(scene, noise_mm),
+        sampling=Sampling(errors_in(scene, noise_mm)),
         seed=0,
     )
     return np.array(placement.positions_mm)

@@ -12,6 +12,7 @@ from beamtouch_models.design.calibration.self_calibrate import SelfFit, self_fit
 from beamtouch_models.design.calibration.unlabelled import locate
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import Metadata
 from support.surfaces.real_surfaces import true_prior
@@ -55,10 +56,10 @@ def drawn(
 ) -> UnlabelledContacts:
     """Draw contacts over the ranges of the scene."""
     prior = true_prior(metadata, real)
-    position, force = rng.uniform(*prior.position_mm, count), rng.uniform(*prior.force_n, count)
+    position, force = rng.uniform(*prior.extent.position_mm, count), rng.uniform(*prior.force_n, count)
     if kind.places_mm:
         position = rng.choice(kind.places_mm, count) + rng.normal(size=count)
-    deflection = force[:, None] * prior.influence_at(position)
+    deflection = force[:, None] * prior.influence_at(on_axis(position))
     beside = _anywhere(prior, rng, count)
     deflection = deflection + np.where(rng.random((count, 1)) < kind.two_at_once, beside, 0.0)
     deviation = metadata.noise.reading_mm / np.sqrt(kind.readings or metadata.filter.window)
@@ -81,19 +82,18 @@ def fitted(model: ModelFile, kind: Kind, seed: int, count: int = 200) -> tuple[S
 
 
 def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
-    deflection: Floats = rng.uniform(*prior.force_n, (count, 1)) * prior.influence_at(
-        rng.uniform(*prior.position_mm, count)
-    )
+    force = rng.uniform(*prior.force_n, (count, 1))
+    deflection: Floats = force * prior.influence_at(prior.extent.uniform(count, rng))
     return deflection
 
 
 def missed_mm(nominal: NominalSurface, vector: Floats, metadata: Metadata, real: Imperfections) -> float:
     """Mean distance of contacts without noise from where a surface with fitted departures places them."""
     prior = true_prior(metadata, real)
-    low, high = prior.position_mm
+    low, high = prior.extent.position_mm
     margin = 0.05 * (high - low)
     position = np.linspace(low + margin, high - margin, 60)
-    measured = prior.measured(np.mean(prior.force_n) * prior.influence_at(position))
+    measured = prior.measured(np.mean(prior.force_n) * prior.influence_at(on_axis(position)))
     contacts = UnlabelledContacts(measured, np.full(measured.shape, metadata.noise.sample_mm))
     found = locate(nominal, vector, contacts, np.zeros(prior.channels))
-    return float(np.abs(found.position_mm - position).mean())
+    return float(np.abs(found.place_mm[:, 0] - position).mean())

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.limit import cramer_rao_error_mm, simulated
+from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_error_mm
+from beamtouch_models.design.accuracy.limit import simulated
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import (
     SCRAMBLINGS,
@@ -95,26 +96,27 @@ def evaluate(
     answers, thresholds = estimates(model, prior, drawn.deflection_mm), model.metadata.thresholds
     progress(0.9)
     worst = np.abs(answers["position_mm"] - drawn.position_mm)
-    error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm() if prior.noise_mm else None
-    low, high = (end * prior.length_mm for end in MIDDLE)
+    error = contacts.error_mm(answers["position_mm"])
+    best = contacts.least_error_mm() if prior.errors.noise_mm else None
+    low, high = (end * prior.diagonal_mm for end in MIDDLE)
     inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
     span = _errors(error, best, weight, worst)
-    if prior.noise_mm:  # means over each posterior scatter less
+    if prior.errors.noise_mm:  # means over each posterior scatter less
         reached = contacts.reached(answers["position_mm"])
         span = replace(span, mean_mm=reached.error_mm, limit_mean_mm=reached.limit_mm, ratio=reached.ratio)
     has_middle = drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
     tells_contact, has_interval = "contact_log_odds" in answers, "position_low_mm" in answers
     tells_force, smallest_n = "force_n" in answers, None
-    if tells_contact and prior.noise_mm > 0:
+    if tells_contact and prior.errors.noise_mm > 0:
         supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
         smallest_n = extremes(smallest_forces(prior, thresholds.touch[-1], supports_mm).force_n)
     return Evaluation(
-        noise_mm=prior.noise_mm,
+        noise_mm=prior.errors.noise_mm,
         draws=len(worst),
-        length_mm=prior.length_mm,
+        length_mm=prior.diagonal_mm,
         span=span,
         middle=_errors(error, best, weight * inside, worst[drawn_inside]) if has_middle else None,
-        cramer_rao_mean_mm=cramer_rao_error_mm(prior) if prior.noise_mm > 0 else None,
+        cramer_rao_mean_mm=cramer_rao_error_mm(prior) if prior.errors.noise_mm > 0 else None,
         position_coverage=share_of(contacts.held(answers["position_low_mm"], answers["position_high_mm"]), weight)
         if has_interval
         else None,
@@ -133,16 +135,9 @@ def evaluate(
     )
 
 
-def at_noise(prior: Prior, noise_mm: float) -> Prior:
-    """Return the prior of the same surface with another noise per sample; at 0, without any error."""
-    if noise_mm:
-        return replace(prior, noise_mm=noise_mm)
-    return replace(prior, noise_mm=0.0, gain=0.0, zero_mm=0.0, uncertain_at=None)
-
-
 def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
     """Return the answers to deflections (samples, channels) that are linear in the force; all channels are valid."""
-    return model.answer(prior.measured(deflection_mm), prior.noise_mm)
+    return model.answer(prior.measured(deflection_mm), prior.errors.noise_mm)
 
 
 def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> PositionErrors:

@@ -1,13 +1,7 @@
 """The accuracy limit: the mean position error that no estimator can beat, given the prior of a surface.
 
-Position and force are drawn uniformly from their ranges, noise is added, and the posterior median estimates the
-position: of all estimators it has the smallest mean absolute error. Limits that are compared share their contacts.
-
-*Cramer-Rao.* The standard deviation of an unbiased estimate is at least one over the root of the Fisher information.
-For a sample of mean F g(x) with independent Gaussian errors s per channel, the information is |F g'(x) / s|^2 if the
-force is known. If the force is open, only the part of g'/s orthogonal to g/s counts: a change along g may as well come
-from the force. The errors are those of noise, gains, zeros and mounting. Their size depends on the contact; the bound
-ignores that. Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, sec. 3.7 and 3.8.
+Place and force are drawn uniformly from their ranges, noise is added, and the posterior median estimates the place: of
+all estimators it has the smallest mean absolute error along an axis. Limits that are compared share their contacts.
 
 *Estimators* are measured on simulated contacts, each with the other contacts that could have caused its sample. The
 mean error over contacts and noise equals the mean over samples of the mean over each sample's posterior. The second
@@ -19,20 +13,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
+from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.design.accuracy.cell_posterior import medians_and_distances
+from beamtouch_models.design.accuracy.drawing import Draws, draw_evenly, even_contacts
 from beamtouch_models.design.accuracy.posterior import CHUNK, posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
-from beamtouch_models.design.accuracy.statistics import SCRAMBLINGS, Measurement, mean_of, ratio_of
+from beamtouch_models.design.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 
-POSITIONS, FORCES = 1001, 32
-"""Points of the midpoint rule over the ranges."""
-UNIFORM = 0.5
-"""Share of evenly spread contacts that are drawn uniformly; the largest weight is about one over it."""
 LIKELY = 16
 """Number of positions that represent a posterior, with equal probability each."""
 CERTAIN, MORE = 0.01, 4
@@ -42,120 +33,6 @@ FAILED_DRAWS, LEAST_DRAWS = 1_024, 64
 are used."""
 REPORTS = 20
 """Number of progress reports."""
-
-
-def cramer_rao_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLike) -> Floats:
-    """Return the Cramer-Rao bound on the deviation of position at contacts (contacts,), in mm; may be infinite.
-
-    It holds for unbiased estimates. Where it exceeds the range, as at a support, an estimate that uses the range is
-    better.
-    """
-    position, force = np.broadcast_arrays(np.asarray(position_mm, np.float64), np.asarray(force_n, np.float64))
-    deviation = prior.deviation_in_table_mm(position, force[:, None])
-    slope, shape = prior.table.derivative()(position) / deviation, prior.table(position) / deviation
-    if not prior.force_is_known:
-        size = (shape**2).sum(axis=1, keepdims=True)
-        along = (slope * shape).sum(axis=1, keepdims=True)
-        slope = slope - shape * np.divide(along, size, out=np.zeros_like(size), where=size > 0)
-    with np.errstate(divide="ignore"):
-        bound: Floats = 1 / (force * np.linalg.norm(slope, axis=1))
-    return bound
-
-
-def cramer_rao_error_mm(prior: Prior) -> float:
-    """Return the mean |error| over the ranges of a Gaussian error with the bound's deviation, at most that of a guess.
-
-    It approaches the accuracy limit as the noise goes to zero. At high noise it is a rough value and not a bound.
-    """
-    return float(cramer_rao_errors_mm(prior).mean())
-
-
-def cramer_rao_errors_mm(prior: Prior) -> Floats:
-    """The same over the forces alone, in the middle of POSITIONS equal parts of the range of positions."""
-    low, high = prior.position_mm
-    positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
-    weak, strong = prior.force_n
-    forces = weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES if weak < strong else np.array([weak])
-    every, each = np.repeat(positions, len(forces)), np.tile(forces, POSITIONS)
-    gaussian = np.sqrt(2 / np.pi) * cramer_rao_deviation_mm(prior, every, each).reshape(POSITIONS, -1)
-    guess = ((positions - low) ** 2 + (high - positions) ** 2) / (2 * (high - low))
-    errors: Floats = np.minimum(gaussian, guess[:, None]).mean(axis=1)
-    return errors
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Simulated contacts with their samples."""
-
-    position_mm: Floats
-    force_n: Floats
-    deflection_mm: Floats
-    """(draws, sensors), with noise."""
-    weight: Floats
-    """(draws,), weight of each contact in an average; 1 on average."""
-
-
-def draw(prior: Prior, count: int, seed: int) -> Draws:
-    """Draw contacts uniformly from the ranges; noise, gains and zeros are Gaussian, drawn per sample and channel."""
-    rng = np.random.default_rng(seed)
-    position = rng.uniform(*prior.position_mm, size=count)
-    force = rng.uniform(*prior.force_n, size=count)
-    return Draws(position, force, prior.draw(position, force, rng), np.ones(count))
-
-
-def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
-    """Draw at least `count` contacts like `draw`, but spread evenly over their distribution.
-
-    They come in SCRAMBLINGS consecutive parts of equal length. The parts are independent, so the scatter of their
-    means gives a standard error. Half of the contacts are drawn where the Cramer-Rao bound is large, for example next
-    to a support, with smaller weights; otherwise a few contacts would dominate a mean.
-    """
-    position, force, noise, weight = _even_contacts(prior, count, seed)
-    clean, deviation = prior.sampled(position, force)
-    return Draws(position, force, clean + deviation * noise, weight)
-
-
-def _even_contacts(prior: Prior, count: int, seed: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return positions, forces, noise of variance 1 (draws, channels), and weights of the contacts of `draw_evenly`."""
-    rngs = np.random.default_rng(seed).spawn(SCRAMBLINGS)
-    each = 2 ** max(0, int(np.ceil(np.log2(count / SCRAMBLINGS))))
-    contacts = [spread_contacts(prior, each, rng) for rng in rngs]
-    position, force, noise = (np.concatenate(parts) for parts in zip(*contacts, strict=True))
-    position, weight = concentrate_on_errors(prior, position)
-    return position, force, noise, weight / weight.mean()
-
-
-def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
-    """Return contacts and noise spread evenly over their distributions; `draws` is a power of two.
-
-    Returns
-    -------
-    positions in mm (draws,), forces in N (draws,), and noise of variance 1 (draws, channels).
-    """
-    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # slow to import, and many commands do not need it
-
-    # Keep points off 0 and 1, where the noise would be infinite.
-    points = np.clip(Sobol(prior.channels + 2, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
-    low, high = prior.position_mm
-    weak, strong = prior.force_n
-    return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], ndtri(points[:, 2:])
-
-
-def concentrate_on_errors(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
-    """Concentrate evenly spread positions where errors are large.
-
-    Returns positions in mm and weights, both (draws,).
-    """
-    if prior.noise_mm == 0:
-        return position_mm, np.ones(len(position_mm))
-    error_mm = cramer_rao_errors_mm(prior)
-    often = UNIFORM + (1 - UNIFORM) * error_mm / error_mm.mean()
-    low, high = prior.position_mm
-    before = np.concatenate([[0.0], np.cumsum(often)]) / len(often)
-    edges = np.linspace(low, high, len(before))
-    moved = np.interp((position_mm - low) / (high - low) * before[-1], before, edges)
-    cell = np.clip(np.searchsorted(edges, moved, side="right") - 1, 0, len(often) - 1)
-    return moved, 1 / often[cell]
 
 
 @dataclass(frozen=True)
@@ -185,11 +62,11 @@ def compare_limits(prior: Prior, others: Sequence[Prior], draws: int, seed: int)
 
     All share at least `draws` contacts with their noise, so that their ratios scatter far less than the limits do.
     """
-    position, force, noise, weight = _even_contacts(prior, draws, seed)
+    place, force, noise, weight = even_contacts(prior, draws, seed)
     errors = []
-    for one in (prior, *others):
-        clean, deviation = one.sampled(position, force)
-        errors.append(_errors_percent(one, clean + deviation * noise, weight))
+    for compared in (prior, *others):
+        clean, deviation = compared.sampled(place, force)
+        errors.append(_errors_percent(compared, clean + deviation * noise, weight))
     return [ComparedLimit(mean_of(other), ratio_of(other, errors[0])) for other in errors[1:]]
 
 
@@ -222,7 +99,8 @@ def limits_with_one_failed(prior: Prior, limit: Measurement, seed: int, effort: 
 
 def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats) -> Floats:
     """Return the weighted mean |error| of the posterior median of samples, (draws,) in percent of the length."""
-    errors: Floats = posterior_quantiles(prior, deflection_mm)[1] * weight / prior.length_mm * 100
+    of_axes = posterior_quantiles if prior.extent.axes == 1 else medians_and_distances
+    errors: Floats = of_axes(prior, deflection_mm)[1] * weight / prior.diagonal_mm * 100
     return errors
 
 
@@ -283,7 +161,7 @@ def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, 
     The samples are tasks for `spread`, a part each.
     """
     drawn = draw_evenly(prior, count, seed)
-    if prior.noise_mm == 0:
+    if prior.errors.noise_mm == 0:
         return Contacts(drawn, drawn.position_mm[:, None], drawn.position_mm, np.zeros(len(drawn.position_mm)))
     # With a random shift, averages over the likely positions are unbiased.
     shift = np.random.default_rng([seed, LIKELY]).uniform(size=(len(drawn.position_mm), 1))

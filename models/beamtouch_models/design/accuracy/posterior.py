@@ -1,29 +1,23 @@
-"""The posterior of the position under any covariance, with the force integrated out exactly.
-
-For a given position the likelihood is Gaussian in the force, so its integral over an even piece of the prior of the
-force is a difference of normal distribution functions. That takes the errors of the gains from the sample, which holds
-as far as a scene may state them (`MAX_GAIN_PERCENT`).
+"""The posterior of the position on a beam: quantiles, and the mean distance from the median.
 
 Between the nodes of a grid a distribution function is integrated with the derivatives at both ends (the corrected
 trapezoidal rule), which is exact for cubics: with four nodes in a standard deviation the mean distance is off by 2e-4
-of itself.
+of itself. The densities at the nodes are those of `likelihood`.
 """
 
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.design.accuracy.prior import Forces, Piece, Prior, forces_of
+from beamtouch_models.design.accuracy.likelihood import NEGLIGIBLE, log_density
+from beamtouch_models.design.accuracy.prior import Forces, Prior, forces_of
+from beamtouch_models.places import on_axis
 
 GRID = 801
 """Positions over the whole range."""
 FINE_GRID = 129
 ROUNDS = 12
-NEGLIGIBLE = 40.0
-"""Difference to the largest log density beyond which a position is not part of a posterior."""
 CHUNK = 100
 """Readings per step, few enough for their grids to fit the cache of a core."""
 MIN_LOG = -700.0
@@ -50,18 +44,18 @@ def posterior_quantiles(
     resolves them.
     """
     levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
-    grid = np.linspace(*prior.position_mm, GRID)
-    influence = prior.influence_within_noise(grid)
-    whitening = prior.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
+    grid = np.linspace(*prior.extent.position_mm, GRID)
+    influence = prior.influence_within_noise(on_axis(grid))
+    whitening = prior.errors.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
     forces = forces_of(prior.force_n, tail)
-    found = []
+    parts = []
     for start in range(0, len(deflection_mm), CHUNK):
         part = slice(start, start + CHUNK)
         seen = _WhitenedSamples(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]))
         density = _log_density(prior, seen, forces, grid[None], influence[None])
-        found.append(_resolved(prior, forces, seen, np.broadcast_to(grid, density.shape), density, levels[part]))
-    whole = np.concatenate(found)
-    return whole[:, :-1], whole[:, -1]
+        parts.append(_resolved(prior, forces, seen, np.broadcast_to(grid, density.shape), density, levels[part]))
+    summary = np.concatenate(parts)
+    return summary[:, :-1], summary[:, -1]
 
 
 @dataclass(frozen=True)
@@ -79,87 +73,27 @@ class _WhitenedSamples:
 
 def _log_density(prior: Prior, seen: _WhitenedSamples, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
-    uncertain = None if prior.uncertainty is None else prior.uncertainty(grids)
-    return log_density(forces, seen.whitening, seen.sample, influence, uncertain)
-
-
-def log_density(
-    forces: Forces,
-    whitening: Floats,
-    sample: Floats,
-    influence: Floats,
-    uncertain: Floats | None = None,
-    negligible: float = NEGLIGIBLE,
-) -> Floats:
-    """Return log densities (draws, grid) of the position, up to a constant per draw, with the force integrated out.
-
-    Parameters
-    ----------
-    forces : the prior of the force
-    whitening, sample : (draws, channels, channels) in 1/mm, and whitened samples (draws, channels)
-    influence : (draws or 1, grid, channels) in mm/N at the positions
-    uncertain : its deviation by the mounting of the sensors, in the same shape and unit; None: positions are exact
-    negligible : difference to the largest log density beyond which it need not be exact
-    """
-    shapes, each = np.matmul(whitening, influence.transpose(0, 2, 1)), sample[:, :, None]
-    if uncertain is None:
-        return _fitted(forces, shapes, each, 0.0, negligible)
-    # The likeliest force at a position says how much the mounting adds to each channel's variance there. Of W D W',
-    # with the mounting's variances D, only the diagonal is taken: exact where the errors of channels are independent.
-    force = _likeliest(forces, shapes, each)
-    moved = np.matmul(whitening**2, uncertain.transpose(0, 2, 1) ** 2)
-    wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
-    return _fitted(forces, shapes / wider, each / wider, np.log(wider).sum(axis=1), negligible)
-
-
-def _likeliest(forces: Forces, shapes: Floats, sample: Floats) -> Floats:
-    """Return the likeliest force at each position, (draws, grid)."""
-    square = np.einsum("dsg,dsg->dg", shapes, shapes)
-    likeliest = (shapes * sample).sum(axis=1) / np.where(square > 0, square, 1.0)
-    force: Floats = np.clip(likeliest, forces[0].low_n, forces[-1].high_n)
-    return force
-
-
-def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats | float, negligible: float) -> Floats:
-    """Return log densities (draws, grid) of shapes per newton and samples in their deviations.
-
-    Shapes are (draws, channels, grid), samples (draws, channels, grid or 1). `log_volume` (draws, grid) is that of the
-    product of their deviations.
-    """
-    size = np.sqrt(np.einsum("dsg,dsg->dg", shapes, shapes))
-    unit = shapes / np.where(size > 0, size, 1.0)[:, None]
-    projection = np.einsum("dsg,dsg->dg", unit, np.broadcast_to(sample, unit.shape))
-    # Compute the residual directly: with little noise a difference of squares would cancel.
-    residual = np.multiply(projection[:, None], unit, out=unit)
-    np.subtract(sample, residual, out=residual)
-    fit = np.einsum("dsg,dsg->dg", residual, residual) / -2 - log_volume
-    # Integrate over the force where the posterior is not negligible. The largest integrand bounds the integral.
-    nearest = np.clip(projection, forces[0].low_n * size, forces[-1].high_n * size)
-    density: Floats = fit - (projection - nearest) ** 2 / 2
-    rows, best = np.arange(len(density)), density.argmax(axis=1)
-    least = log_likelihood(forces, size[rows, best], projection[rows, best], fit[rows, best]) - negligible
-    likely = density >= least[:, None]
-    density[likely] = log_likelihood(forces, size[likely], projection[likely], fit[likely])
-    return density
+    variance = None if prior.variance is None else prior.variance(grids[..., None])
+    return log_density(forces, seen.whitening, seen.sample, influence, variance)
 
 
 def _resolved(
     prior: Prior, forces: Forces, seen: _WhitenedSamples, grids: Floats, density: Floats, levels: Floats
 ) -> Floats:
     """Return quantiles and mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
-    found = np.empty((len(grids), levels.shape[1] + 1))
+    summary = np.empty((len(grids), levels.shape[1] + 1))
     todo = np.arange(len(grids))
     for _ in range(ROUNDS):
         finer, narrow = _finer(grids, density)
         done = todo[~narrow]
-        found[done] = summaries(grids[~narrow], density[~narrow], levels[done])
+        summary[done] = summaries(grids[~narrow], density[~narrow], levels[done])
         grids, todo = finer, todo[narrow]
         if not len(todo):
-            return found
-        influence = prior.influence_within_noise(grids.ravel()).reshape(*grids.shape, -1)
+            return summary
+        influence = prior.influence_within_noise(on_axis(grids.ravel())).reshape(*grids.shape, -1)
         density = _log_density(prior, seen.take(todo), forces, grids, influence)
-    found[todo] = summaries(grids, density, levels[todo])
-    return found
+    summary[todo] = summaries(grids, density, levels[todo])
+    return summary
 
 
 def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
@@ -242,44 +176,3 @@ def _distributions(grids: Floats, log_density: Floats) -> tuple[Floats, Floats]:
     np.cumsum(np.maximum(mass, 0.0, out=mass), axis=1, out=below[:, 1:])
     total = below[:, -1:].copy()
     return density / total, below / total
-
-
-def log_likelihood(forces: Forces, size: Floats, projection: Floats, fit: Floats) -> Floats:
-    """Return the log likelihood of samples at grid positions, in units of the noise; (..., grid).
-
-    Parameters
-    ----------
-    forces : the prior of the force
-    size : (grid,) or in the shape of the others, length of the vector of deflections per newton
-    projection : (..., grid), of the sample on the direction of that vector
-    fit : (..., grid), minus half the squared residual
-
-    Terms that depend on neither the position nor the force are left out.
-    """
-    first, *others = (np.log(piece.share) + _log_mean(piece, size, projection) for piece in forces)
-    whole = reduce(np.logaddexp, others, first)
-    likelihood: Floats = fit + whole
-    return likelihood
-
-
-def _log_mean(piece: Piece, size: Floats, projection: Floats) -> Floats:
-    """Return the log of the mean over a piece of forces of exp(-(projection - force size)^2 / 2)."""
-    low, high = piece.low_n, piece.high_n
-    middle: Floats = -((projection - (low + high) / 2 * size) ** 2) / 2
-    if low == high:
-        return middle
-    # Where the force hardly matters, as next to a support, use the midpoint rule.
-    flat = size * (high - low) < 1e-4
-    length = np.where(flat, 1.0, size)
-    span = _log_normal_interval(low * length - projection, high * length - projection) - np.log(length)
-    mean: Floats = np.where(flat, middle, span + np.log(np.sqrt(2 * np.pi) / (high - low)))
-    return mean
-
-
-def _log_normal_interval(low: Floats, high: Floats) -> Floats:
-    """Return log(Phi(high) - Phi(low)) for low < high, without cancellation in either tail."""
-    flip = low + high > 0
-    upper, lower = np.where(flip, -low, high), np.where(flip, -high, low)
-    log_upper = log_ndtr(upper)
-    difference: Floats = log_upper + np.log(-np.expm1(np.minimum(log_ndtr(lower) - log_upper, -1e-300)))
-    return difference

@@ -36,11 +36,12 @@ from scipy.special import chdtri, log_ndtr, logsumexp, ndtr, ndtri
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.rates import MAX_FALSE, SECONDS_PER_DAY
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.decision.decider import PERSISTENCE
 from beamtouch_models.runtime.metadata import FilterChoice, SmallestForce
 
 PLACES = 129
-"""Positions at which a contact is looked for; the odds change little between them."""
+"""Places at which a contact is looked for, about; the odds change little between them."""
 BLIND = 10.0
 """Where more than this many times the largest force is needed, nothing is seen: at a support, or right beside it."""
 FLAT = 1e-9
@@ -200,22 +201,19 @@ def _saddlepoint(tilt: Floats, reach: Floats, noise: Floats) -> tuple[Floats, Fl
     return height, log_share + log_ndtr(-deviation)
 
 
-def shapes_at_rest(prior: Prior, position_mm: Floats | None = None) -> Floats:
+def shapes_at_rest(prior: Prior, place_mm: Floats | None = None) -> Floats:
     """Return the influence over the errors of a sample at rest, (places, channels) per newton.
 
-    It is that at PLACES along the range, from the table, or at positions (places,).
+    It is that at PLACES over the extent, from the table, or at places (places, axes).
     """
-    if position_mm is None:
-        matrix = prior.table(np.linspace(*prior.position_mm, PLACES))
-    else:
-        matrix = prior.influence_at(position_mm)
+    matrix = prior.table(prior.extent.grid(PLACES)) if place_mm is None else prior.influence_at(place_mm)
     shapes: Floats = matrix / prior.rest_mm
     return shapes
 
 
 def noise_at_rest(prior: Prior) -> Floats:
     """Return the deviation (channels,) of the noise of a whitened sample; the rest of its unit variance is the zero."""
-    share: Floats = np.maximum(prior.noise_mm / prior.rest_mm, MIN_NOISE)
+    share: Floats = np.maximum(prior.errors.noise_mm / prior.rest_mm, MIN_NOISE)
     return share
 
 
@@ -234,12 +232,12 @@ def log_odds(unit: Floats, sample: Floats) -> Floats:
     return odds
 
 
-def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Floats:
-    """Return the force at positions (positions,) of which 95 % of settled samples are a contact; all channels work.
+def smallest_force_n(prior: Prior, threshold: float, place_mm: Floats) -> Floats:
+    """Return the force at places (places, axes) of which 95 % of settled samples are a contact; all channels work.
 
     It is infinite where no sensor moves.
     """
-    unit, along = directions(shapes_at_rest(prior)), directions(shapes_at_rest(prior, position_mm))
+    unit, along = directions(shapes_at_rest(prior)), directions(shapes_at_rest(prior, place_mm))
 
     def above(size: Floats, place: Indices) -> Floats:
         return log_odds(unit, size[:, None] * along[place]) - threshold
@@ -247,26 +245,28 @@ def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Flo
     most = 2 * np.sqrt(2 * threshold) + 8
     found = find_root(above, (0.0, most), args=(np.arange(len(along)),))
     with np.errstate(divide="ignore"):
-        force: Floats = (np.where(found.success, found.x, most) + SURELY) / size_per_n(prior, position_mm)
+        force: Floats = (np.where(found.success, found.x, most) + SURELY) / size_per_n(prior, place_mm)
     return force
 
 
 def smallest_forces(prior: Prior, threshold: float, supports_mm: Iterable[float]) -> SmallestForce:
-    """Return the smallest force along the range of contacts; the supports within it are among the places.
+    """Return the smallest force along a beam's range of contacts; the supports within it are among the places.
 
     Between two places, 1 over the force is nearly straight: it falls to 0 at a support.
     """
-    low, high = prior.position_mm
-    within = [at for at in supports_mm if low <= at <= high]
-    places = np.unique(np.concatenate([np.linspace(low, high, PLACES), within]))
-    forces, most_n = smallest_force_n(prior, threshold, places).tolist(), BLIND * prior.force_n[1]
-    return SmallestForce(position_mm=places.tolist(), force_n=[force if force <= most_n else None for force in forces])
+    low, high = prior.extent.position_mm
+    within = [support for support in supports_mm if low <= support <= high]
+    positions = np.unique(np.concatenate([np.linspace(low, high, PLACES), within]))
+    forces, most_n = smallest_force_n(prior, threshold, on_axis(positions)).tolist(), BLIND * prior.force_n[1]
+    return SmallestForce(
+        position_mm=positions.tolist(), force_n=[force if force <= most_n else None for force in forces]
+    )
 
 
-def size_per_n(prior: Prior, position_mm: Floats) -> Floats:
-    """Return the length of the whitened influence at positions (positions,), in deviations of a sample at rest per N.
+def size_per_n(prior: Prior, place_mm: Floats) -> Floats:
+    """Return the length of the whitened influence at places (places, axes), in deviations of a sample at rest per N.
 
     All channels work.
     """
-    size: Floats = np.linalg.norm(shapes_at_rest(prior, position_mm), axis=1)
+    size: Floats = np.linalg.norm(shapes_at_rest(prior, place_mm), axis=1)
     return size

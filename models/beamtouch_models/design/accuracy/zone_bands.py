@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
-from beamtouch_models.design.accuracy.limit import cramer_rao_deviation_mm
+from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_deviation_mm
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.places import on_axis
 
 DRAWS = 2048
 REACH = 6.0
@@ -42,21 +43,22 @@ def band_at(prior: Prior, edge_mm: float, seed: int, range_n: tuple[float, float
     """
     rng = np.random.default_rng(seed)
     force_n = rng.uniform(*(range_n or prior.force_n), size=DRAWS)
-    low_mm, high_mm = prior.position_mm
-    bound_mm = cramer_rao_deviation_mm(prior, np.clip(edge_mm, low_mm, high_mm), force_n)
+    low_mm, high_mm = prior.extent.position_mm
+    edge = np.full((DRAWS, 1), np.clip(edge_mm, low_mm, high_mm))
+    bound_mm = cramer_rao_deviation_mm(prior, edge, force_n)[:, 0]
     deviation_mm = np.minimum(bound_mm, (high_mm - low_mm) / REACH)
     away = rng.uniform(-REACH, REACH, size=DRAWS)
     position_mm = edge_mm + away * deviation_mm
     there = (low_mm <= position_mm) & (position_mm <= high_mm)
     if not there.any():
         return Band(edge_mm, 0.0, 0.0)
-    samples = prior.draw(position_mm[there], force_n[there], rng)
+    samples = prior.draw(on_axis(position_mm[there]), force_n[there], rng)
     spans = posterior_quantiles(prior, samples, np.tile(_LEVELS, (len(samples), 1)))[0]
-    zone = Zone(from_mm=edge_mm, to_mm=prior.length_mm)
-    lies = [zone.lies(Span(*span), None, prior.length_mm, BEGIN) for span in spans.tolist()]
-    right = [ZoneState.INSIDE if one >= edge_mm else ZoneState.OUTSIDE for one in position_mm[there].tolist()]
-    unsure = np.array([one is ZoneState.UNSURE for one in lies])
-    is_wrong = ~unsure & np.array([one is not other for one, other in zip(lies, right, strict=True)])
+    zone = Zone(from_mm=edge_mm, to_mm=prior.diagonal_mm)
+    lies = [zone.lies(Span(*span), None, prior.diagonal_mm, BEGIN) for span in spans.tolist()]
+    right = [ZoneState.INSIDE if position >= edge_mm else ZoneState.OUTSIDE for position in position_mm[there].tolist()]
+    unsure = np.array([state is ZoneState.UNSURE for state in lies])
+    is_wrong = ~unsure & np.array([said is not true for said, true in zip(lies, right, strict=True)])
     width_mm = float(2 * REACH * (unsure * deviation_mm[there]).sum() / DRAWS)
     # Contacts in the band are spread over it evenly, on one side of the edge or on both.
     apart = np.abs(away[there])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_models.design.accuracy import limit
+from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.accuracy.limit import Reached, limits_with_one_failed, simulate_until_certain
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, share_of
@@ -28,7 +28,6 @@ from beamtouch_models.design.placement.placing import Aim
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.world import World
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.runtime.error_model import whitening
 from beamtouch_models.runtime.metadata import (
     Accuracy,
     Floor,
@@ -83,8 +82,8 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
     failed = limits_with_one_failed(prior, with_all, seed, aim.effort)
     # Cubic interpolation of this table is off by at most 6e-4 of the largest influence of any shipped scene, at the
     # kink that shear makes, and by 3e-5 elsewhere.
-    table = prior.influence_at(np.linspace(*prior.position_mm, PLACES))
-    gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
+    table = prior.influence_at(prior.extent.grid(PLACES))
+    gain, zero_mm = (values.tolist() for values in prior.errors.of_channels(prior.channels))
     return Measured(
         min_channels=estimator.min_channels,
         thresholds=thresholds,
@@ -123,7 +122,7 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     """
     contacts = simulate_until_certain(prior, draws, seed)
     deflection = prior.measured(contacts.drawn.deflection_mm)
-    answers = run(deflection, prior.whitening(deflection))
+    answers = run(deflection, prior.errors.whitening(deflection))
     if not all(np.isfinite(values).all() for values in answers.values()):
         raise NotGoodEnoughError("some answers of the model are not finite; check the scene for extreme values")
     reached = contacts.reached(answers["position_mm"])
@@ -137,7 +136,7 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     ):
         return reached
     raise NotGoodEnoughError(
-        f"with {digits(prior.noise_mm, 3)} mm of noise the error is {digits(ratio.value, 3)} times the accuracy "
+        f"with {digits(prior.errors.noise_mm, 3)} mm of noise the error is {digits(ratio.value, 3)} times the accuracy "
         f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
     )
 
@@ -146,7 +145,7 @@ def _accuracy(
     prior: Prior, run: Run, reached: Reached, surface: Surface, world: World, seed: int, effort: Effort
 ) -> Accuracy:
     """Return the error of the exported graph and the accuracy limit."""
-    percent = 100 / prior.length_mm
+    percent = 100 / prior.diagonal_mm
     error, least = reached.error_mm.scaled(percent), reached.limit_mm.scaled(percent)
     since_touch = []
     plain = answers_of_means(prior, run, surface, world, reached.error_mm, seed, effort)
@@ -174,16 +173,16 @@ def _accuracy(
 
 def _golden(prior: Prior, run: Run, seed: int) -> Golden:
     """Return the answers of the graph for a few contacts, one with a channel missing, one unsteady, and for rest."""
-    drawn = limit.draw(prior, GOLDEN_DRAWS, seed)
+    drawn = draw(prior, GOLDEN_DRAWS, seed)
     linear = np.concatenate([drawn.deflection_mm, drawn.deflection_mm[:2], np.zeros((1, prior.channels))])
     deflection = prior.measured(linear)
-    covariance = np.tile(np.eye(prior.channels) * prior.noise_mm**2, (len(deflection), 1, 1))
+    covariance = np.tile(np.eye(prior.channels) * prior.errors.noise_mm**2, (len(deflection), 1, 1))
     # A load that has just come: its own deflection scatters.
     covariance[GOLDEN_DRAWS] += np.outer(linear[GOLDEN_DRAWS], linear[GOLDEN_DRAWS]) / 4
     valid = np.ones(deflection.shape, np.bool_)
     if prior.channels > 1:
         valid[GOLDEN_DRAWS + 1, 0], deflection[GOLDEN_DRAWS + 1, 0] = False, 0.0
-    weights = whitening(deflection, covariance, prior.gain, prior.zero_mm, valid).astype(np.float32)
+    weights = prior.errors.whitening(deflection, covariance, valid).astype(np.float32)
     deflection = deflection.astype(np.float32)
     answers = run(deflection, weights)
     return Golden(

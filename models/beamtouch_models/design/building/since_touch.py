@@ -13,13 +13,12 @@ from typing import Self
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.limit import Draws, draw_evenly
+from beamtouch_models.design.accuracy.drawing import Draws, draw_evenly
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.world import SensorErrors, World
-from beamtouch_models.runtime.error_model import whitening
 from beamtouch_models.runtime.session import Run
 
 CONTACTS, KNOWN = 96, 4096
@@ -64,10 +63,10 @@ class Touches:
         drawn, rng = draw_evenly(prior, count, seed), np.random.default_rng([seed, prior.channels])
         shown = world.under(drawn.position_mm, drawn.force_n)
         gain, zero_mm, mounting = rng.normal(size=(3, *shown.shape))
-        if prior.uncertain_at is not None:
-            shown = shown + mounting * drawn.force_n[:, None] * prior.uncertain_at(drawn.position_mm)
+        if prior.variance_at is not None:
+            shown = shown + mounting * drawn.force_n[:, None] * np.sqrt(prior.variance_at(drawn.place_mm))
         perfect = SensorErrors.none(*shown.shape)
-        errors = replace(perfect, gain=1 + gain * prior.gain, zero_mm=zero_mm * prior.zero_mm)
+        errors = replace(perfect, gain=1 + gain * prior.errors.gain, zero_mm=zero_mm * prior.errors.zero_mm)
         return cls(prior, world, drawn, shown, errors)
 
     def errors_mm(self, run: Run, sample_mm: Floats, covariance_mm2: Floats) -> Floats:
@@ -76,7 +75,7 @@ class Touches:
         A channel is NaN, and missing, if its only reading was taken for a spike or is beyond the sensor's range.
         """
         valid = np.isfinite(sample_mm)
-        weights = whitening(sample_mm, covariance_mm2, self.prior.gain, self.prior.zero_mm, valid)
+        weights = self.prior.errors.whitening(sample_mm, covariance_mm2, valid)
         answer = run(np.where(valid, sample_mm, 0.0), weights)["position_mm"].astype(np.float64)
         error: Floats = np.abs(answer - self.drawn.position_mm)
         return error

@@ -96,11 +96,8 @@ def calibrate(
     # The offsets are what the zeros drifted between the tare and the recording. They went on to drift during it. The
     # next tare takes both away.
     drifted_mm = np.abs(checked.fit.session.drift_mm(checked.fit.vector)).max(axis=0)
-    prior = replace(
-        checked.fit.nominal.prior_with(departures),
-        gain=np.array(metadata.floor.gain),
-        zero_mm=np.hypot(np.hypot(zero_mm, departures.offset_mm), drifted_mm),
-    )
+    zero_mm = np.hypot(np.hypot(zero_mm, departures.offset_mm), drifted_mm)
+    prior = checked.fit.nominal.prior_with(departures).with_floor(np.array(metadata.floor.gain), zero_mm)
     calibration = Calibration(
         departures=departures,
         fitted=[kind for kind in checked.fit.kinds if kind in checked.fit.nominal.kinds],
@@ -129,9 +126,9 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm:
         raise RecordingError(_contradiction(loads, mistaken_loads))
     progress("fitting", 0.4)
     found = averaged_fit(fit(nominal, loads, (*Session(nominal, loads).usual_kinds, *possible)))
-    expected_mm = nominal.curve(np.zeros(nominal.size)).measured_mm(loads.position_mm, loads.force_n)
+    expected_mm = nominal.curve(np.zeros(nominal.size)).measured_mm(loads.place_mm, loads.force_n)
     expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
-    if not np.abs(expected_mm).max() > MOVED * nominal.prior.noise_mm:
+    if not np.abs(expected_mm).max() > MOVED * nominal.prior.errors.noise_mm:
         raise NotGoodEnoughError(
             "nothing was written: by this model, none of the loads moves a sensor; record loads elsewhere"
         )
@@ -167,7 +164,7 @@ def _errors_mm(prior: Prior, departures: Departures, loads: Loads) -> Floats:
     for index, (measured, deviation) in enumerate(zip(loads.measured_mm, loads.deviation_mm, strict=True)):
         valid = np.isfinite(measured)
         noise_mm = float(deviation[valid].mean())
-        exact = replace(prior, noise_mm=noise_mm, gain=0.0, zero_mm=0.0, uncertain_at=None)
+        exact = prior.with_noise_alone(noise_mm)
         linear_mm = departures.linear_mm(measured)[valid][None]
         found_mm = limit.posterior_median_mm(exact.without(*np.flatnonzero(~valid).tolist()), linear_mm)[0]
         errors[index] = abs(found_mm - loads.position_mm[index])
@@ -177,8 +174,8 @@ def _errors_mm(prior: Prior, departures: Departures, loads: Loads) -> Floats:
 def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
     """Return the mean error of the best estimate for samples of these loads."""
     rng = np.random.default_rng(seed)
-    clean = loads.force_n[:, None] * prior.influence_at(loads.position_mm)
-    noise = rng.normal(size=(draws, *clean.shape)) * prior.deviation_mm(clean)
+    clean = loads.force_n[:, None] * prior.influence_at(loads.place_mm)
+    noise = rng.normal(size=(draws, *clean.shape)) * prior.errors.deviation_mm(clean)
     readings = (clean + noise).reshape(-1, prior.channels)
     off = limit.posterior_median_mm(prior, readings).reshape(draws, -1) - loads.position_mm
     return float(np.abs(off).mean())

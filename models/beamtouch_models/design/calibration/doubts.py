@@ -75,7 +75,7 @@ def in_words(found: Fit, kind: str, names: list[str]) -> str:
     bends_mm = session.bends_mm(found.vector)[:, channel]
     worst = int(np.nanargmax(np.abs(bends_mm)))
     shown_mm = float(loads.measured_mm[worst, channel])
-    least_mm = max(HARMLESS_NOISES * found.nominal.prior.noise_mm, HARMLESS_BEND * abs(shown_mm))
+    least_mm = max(HARMLESS_NOISES * found.nominal.prior.errors.noise_mm, HARMLESS_BEND * abs(shown_mm))
     if abs(bends_mm[worst]) < least_mm:
         return ""
     return (

@@ -126,9 +126,8 @@ def _log_evidence(
     left = (whitening @ residuals.left_mm[..., None])[..., 0]
     _, log_weights = np.linalg.slogdet(whitening)
     _, log_volume = np.linalg.slogdet(covariance)
-    own = np.array([errors.placing_mm, errors.force]) ** 2
-    stated = np.array([about.placing_mm, about.force]) ** 2
-    safe = np.maximum(own, np.finfo(np.float64).tiny)
+    fitted, stated = (some.along(residuals.moved_mm) ** 2 for some in (errors, about))
+    safe = np.maximum(fitted, np.finfo(np.float64).tiny)
     of_errors = -PSEUDO_LOADS / 2 * float((stated / safe + np.log(safe)).sum())
     return float(log_weights.sum() - ((left**2).sum() + vector @ vector - log_volume) / 2) + of_errors
 
@@ -181,7 +180,7 @@ def _likely_errors(residuals: Residuals, about: LoadErrors, start: LoadErrors, f
     is_measured, noise_mm = residuals.is_measured, residuals.noise_mm
     share = freedom / is_measured.sum()
     moved, left = np.moveaxis(residuals.moved_mm, 0, 2), residuals.left_mm[..., None]
-    prior = np.array([about.placing_mm, about.force]) ** 2
+    prior = about.along(residuals.moved_mm) ** 2
     variance = np.array(astuple(start)) ** 2
     variance[2] = max(variance[2], float((noise_mm[is_measured] ** 2).mean()))
     for _ in range(UPDATES):

@@ -98,7 +98,7 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     session = Session(nominal, load)
     residuals = session.residuals(fitted.vector)
     count = int(residuals.is_measured.sum())
-    if not np.sqrt((residuals.left_mm**2).sum() / count) >= FAR_NOISES * nominal.prior.noise_mm:
+    if not np.sqrt((residuals.left_mm**2).sum() / count) >= FAR_NOISES * nominal.prior.errors.noise_mm:
         return False
     slopes = session.slopes(fitted.vector, fitted.kinds)
     # An honest load may be off by as much as is stated, even if the others are better.
@@ -112,5 +112,5 @@ def _mistaken_load(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> M
     """Return where the load pressed and how hard, by least squares over the range of positions."""
     curve, measured = fitted.nominal.curve(fitted.vector), loads.measured_mm[[index]]
     linear = np.nan_to_num(fitted.departures.linear_mm(measured))
-    position, force = curve.best_contacts(linear, np.isfinite(measured).astype(np.float64))
-    return MistakenLoad(index, float(position[0]), max(float(force[0]), 0.0), certain)
+    place, force = curve.best_contacts(linear, np.isfinite(measured).astype(np.float64))
+    return MistakenLoad(index, float(place[0, 0]), max(float(force[0]), 0.0), certain)

@@ -13,7 +13,9 @@ from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibrated import depart
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.surface import resolve_model
+from beamtouch_models.places import grid_of, on_axis
 from beamtouch_models.runtime.curve import InfluenceCurve
+from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.health.residuals import LoadErrors
 from beamtouch_models.runtime.metadata import Departures, Metadata
 
@@ -70,7 +72,7 @@ class NominalSurface:
     def of(cls, metadata: Metadata) -> "NominalSurface":
         """Return the nominal surface of a model; raises SceneError if its scene cannot be computed."""
         surface, sensor_mm = resolve_model(metadata), metadata.layout_mm
-        prior = Prior.of(surface.influence, sensor_mm, metadata.noise.sample_mm)
+        prior = Prior.of(surface.influence, on_axis(sensor_mm), Errors(metadata.noise.sample_mm))
         return cls(
             surface.beam,
             surface.contact_width_mm,
@@ -138,7 +140,7 @@ class NominalSurface:
     @cached_property
     def _units(self) -> dict[str, float]:
         """The plausible size of each kind: one in the vector."""
-        bend_per_mm, offset_mm = BEND / self.max_deflection_mm, OFFSET_NOISES * self.prior.noise_mm
+        bend_per_mm, offset_mm = BEND / self.max_deflection_mm, OFFSET_NOISES * self.prior.errors.noise_mm
         return dict(zip(FIELDS, (RIGIDITY, GAIN, self.mounting_mm, bend_per_mm, FIXITY, offset_mm), strict=True))
 
     def prior_with(self, departures: Departures) -> Prior:
@@ -151,28 +153,28 @@ class NominalSurface:
         # Gains, offsets and the curve do not change the beam, so its influence can often be used again.
         beam = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
         parts = (beam.rigidity, *beam.fixity, *beam.position_offset_mm)
-        places = np.linspace(*self.prior.position_mm, GRID)
+        ticks = self.prior.extent.ticks(GRID)
         if parts not in self._influences:
             if len(self._influences) >= MAX_INFLUENCES:
                 self._influences.clear()
-            self._influences[parts] = self.prior_with(beam).influence_at(places)
-        return InfluenceCurve(places, np.array(departures.gain) * self._influences[parts], departures)
+            self._influences[parts] = self.prior_with(beam).influence_at(grid_of(ticks))
+        return InfluenceCurve(tuple(ticks), np.array(departures.gain) * self._influences[parts], departures)
 
-    def slopes(self, vector: Floats, position_mm: Floats, force_n: Floats, kinds: Sequence[str]) -> Floats:
+    def slopes(self, vector: Floats, place_mm: Floats, force_n: Floats, kinds: Sequence[str]) -> Floats:
         """Return the change of measured deflections with each entry of the vector, (loads, channels, departures).
 
         It is 0 for the entries of other kinds than `kinds`.
         """
-        at = self.curve(vector).measured_mm(position_mm, force_n)
-        slopes = np.zeros((*at.shape, self.size))
+        expected_mm = self.curve(vector).measured_mm(place_mm, force_n)
+        slopes = np.zeros((*expected_mm.shape, self.size))
         for kind in kinds:
             part = np.arange(self.size)[self.kinds[kind]]
             # One step of all channels together shows the slope of each, which spares solving the beam for each.
             for moved in [part] if kind in PER_CHANNEL else part[:, None]:
                 step = np.zeros(self.size)
                 step[moved] = np.where(vector[moved] > 1, -STEP, STEP)  # away from the bound of a fixity
-                slope = (self.curve(vector + step).measured_mm(position_mm, force_n) - at) / step[moved]
-                slopes[:, np.arange(at.shape[1]), moved] = slope
+                moved_mm = self.curve(vector + step).measured_mm(place_mm, force_n) - expected_mm
+                slopes[:, np.arange(self.prior.channels), moved] = moved_mm / step[moved]
         return slopes
 
     @property
@@ -183,7 +185,7 @@ class NominalSurface:
     @property
     def contact_errors(self) -> LoadErrors:
         """Errors of a contact of which nothing is known but what the scene states: as wide as the ranges."""
-        low, high = self.prior.position_mm
+        low, high = self.prior.extent.position_mm
         return LoadErrors(placing_mm=high - low, force=0.0 if self.prior.force_is_known else ANY_FORCE)
 
     def covariance_of(self, kinds: Sequence[str], fitted: Floats) -> Floats:

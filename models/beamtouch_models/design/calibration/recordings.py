@@ -17,6 +17,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.health.changes import DRIFT
 from beamtouch_models.runtime.health.residuals import LoadErrors
 from beamtouch_models.runtime.metadata import Metadata
@@ -47,7 +48,9 @@ class Loads:
     number: Indices
     """(loads,) numbers in the file."""
     position_mm: Floats
+    """(loads,)"""
     force_n: Floats
+    """(loads,)"""
     measured_mm: Floats
     """(loads, channels) mean deflection; NaN if a channel was not good."""
     deviation_mm: Floats
@@ -58,6 +61,11 @@ class Loads:
     """(loads,) time of each load since the first; 0 if the file has no times."""
     errors: LoadErrors = STATED
     """Stated errors of the positions and forces of the loads."""
+
+    @property
+    def place_mm(self) -> Floats:
+        """(loads, 1), the positions as places."""
+        return on_axis(self.position_mm)
 
     def without(self, *indices: int) -> "Loads":
         """Return all loads but some."""

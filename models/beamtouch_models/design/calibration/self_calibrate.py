@@ -1,6 +1,6 @@
 """Self-calibration: unlabelled contacts turn a model into one of the real surface, but for the scale of its forces."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -123,7 +123,7 @@ def calibrated_prior(metadata: Metadata, found: SelfFit) -> tuple[Prior, Calibra
         force_error=_force_error(fit),
     )
     prior = fit.nominal.prior_with(departures)
-    return replace(prior, gain=found.remaining.floor, zero_mm=np.array(metadata.floor.zero_mm)), calibration
+    return prior.with_floor(found.remaining.floor, np.array(metadata.floor.zero_mm)), calibration
 
 
 def _force_error(fit: ContactFit) -> float:
@@ -165,7 +165,7 @@ def _check_single(fit: ContactFit, max_error: float) -> None:
 
 def _check_spread(fit: ContactFit) -> None:
     """Raise NotGoodEnoughError if the contacts lie at one place."""
-    low, high = fit.nominal.prior.position_mm
+    low, high = fit.nominal.prior.extent.position_mm
     first, last = np.quantile(fit.position_mm[fit.single > 0.5], [0.1, 0.9])
     if last - first < MIN_SPREAD * (high - low):
         raise _refuse(

@@ -105,7 +105,7 @@ class Session:
     def residuals(self, vector: Floats) -> Residuals:
         """Return the residuals of the loads."""
         loads, curve = self.as_of_surface(vector), self.nominal.curve(vector)
-        return Residuals.of(curve, loads.position_mm, loads.force_n, loads.measured_mm, loads.deviation_mm)
+        return Residuals.of(curve, loads.place_mm, loads.force_n, loads.measured_mm, loads.deviation_mm)
 
     def slopes(self, vector: Floats, kinds: tuple[str, ...]) -> Floats:
         """Return the change of what is expected of each deflection with each entry, (loads, channels, entries).
@@ -115,12 +115,12 @@ class Session:
         loads, of_theory = self.loads, [kind for kind in kinds if kind in self.nominal.kinds]
         force_n, channels = loads.force_n + self.weight_n(vector), np.arange(self._channels)
         slopes = np.zeros((*loads.measured_mm.shape, self.size))
-        departing = self.nominal.slopes(vector[: self.nominal.size], loads.position_mm, force_n, of_theory)
+        departing = self.nominal.slopes(vector[: self.nominal.size], loads.place_mm, force_n, of_theory)
         slopes[..., : self.nominal.size] = departing
         if DRIFTING in kinds:
             slopes[:, channels, self.kinds[DRIFTING].start + channels] = self._drift_unit_mm[:, None]
         if WEIGHT in kinds:
-            _, by_force = self.nominal.curve(vector).moved_mm(loads.position_mm, force_n)
+            *_, by_force = self.nominal.curve(vector).moved_mm(loads.place_mm, force_n)
             slopes[..., self.kinds[WEIGHT].start] = self.weight_unit_n * by_force / force_n[:, None]
         for channel in channels.tolist():
             if bend_of(channel) in kinds:
@@ -134,7 +134,7 @@ class Session:
     @property
     def _rate_mm_per_min(self) -> float:
         """A plausible drift: as stated, and at least one that shows in a usual session."""
-        return max(self.nominal.drift_mm_per_min, OFFSET_NOISES * self.nominal.prior.noise_mm / SESSION_MIN)
+        return max(self.nominal.drift_mm_per_min, OFFSET_NOISES * self.nominal.prior.errors.noise_mm / SESSION_MIN)
 
     @property
     def _drift_unit_mm(self) -> Floats:
@@ -150,7 +150,7 @@ class Session:
     def _bend_units_mm(self) -> Floats:
         """(loads, terms, channels) deflection that the terms of a plausible bend add; they vanish at rest."""
         prior = self.nominal.prior
-        shapes = prior.influence_at(np.linspace(*prior.position_mm, GRID))
+        shapes = prior.influence_at(prior.extent.grid(GRID))
         full_mm = prior.force_n[1] * np.abs(shapes).max(axis=0)
         share = self.loads.measured_mm[:, None] / full_mm
         units_mm: Floats = OWN_BEND * full_mm * share ** (2 + np.arange(BENDS))[:, None]

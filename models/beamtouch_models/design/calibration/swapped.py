@@ -37,7 +37,7 @@ def swapped(nominal: NominalSurface, loads: Loads, names: list[str]) -> str | No
     """
     kinds = Session(nominal, loads).usual_kinds
     asis = fit(nominal, loads, kinds)
-    if asis.errors.residual_mm <= POOR_NOISES * nominal.prior.noise_mm:
+    if asis.errors.residual_mm <= POOR_NOISES * nominal.prior.errors.noise_mm:
         return None
     trials = [(fit(nominal, other, kinds).scatter, message) for message, other in _swaps(nominal, loads, names)]
     scatter, message = min(trials, default=(np.inf, ""))
@@ -53,7 +53,7 @@ def swapped(nominal: NominalSurface, loads: Loads, names: list[str]) -> str | No
     if BETTER * scatter < min(asis.scatter, rezeroed):
         return f"{message}; the zeros have moved, too, so {SINCE_THE_TARE}"
     if BETTER * rezeroed < asis.scatter and rezeroed <= AGREED:
-        far = np.flatnonzero(np.abs(moved_mm) > POOR_NOISES * nominal.prior.noise_mm).tolist()
+        far = np.flatnonzero(np.abs(moved_mm) > POOR_NOISES * nominal.prior.errors.noise_mm).tolist()
         told = ", ".join(f"{names[one]} by {digits(float(moved_mm[one]), 2)} mm" for one in far)
         return f"zeros have moved since the tare: {told}; {SINCE_THE_TARE}; nothing was written" if told else None
     return None
@@ -61,7 +61,7 @@ def swapped(nominal: NominalSurface, loads: Loads, names: list[str]) -> str | No
 
 def _from_own_zeros(nominal: NominalSurface, loads: Loads) -> tuple[Floats, Loads]:
     """Return the zeros (channels,) that loads show by the scene, and the loads from these."""
-    expected_mm = nominal.curve(np.zeros(nominal.size)).measured_mm(loads.position_mm, loads.force_n)
+    expected_mm = nominal.curve(np.zeros(nominal.size)).measured_mm(loads.place_mm, loads.force_n)
     zero_mm = np.zeros(len(expected_mm[0]))
     for channel, (measured, expected) in enumerate(zip(loads.measured_mm.T, expected_mm.T, strict=True)):
         there = np.isfinite(measured)
@@ -78,7 +78,7 @@ def _swaps(nominal: NominalSurface, loads: Loads, names: list[str]) -> Iterator[
         deviation_mm = loads.deviation_mm[:, wiring.order]
         corrected = replace(loads, measured_mm=measured_mm, deviation_mm=deviation_mm)
         yield OTHER_END if wiring.is_reversed else message, corrected
-    mirrored_mm = nominal.prior.length_mm - loads.position_mm
-    low, high = nominal.prior.position_mm
+    mirrored_mm = nominal.prior.diagonal_mm - loads.position_mm
+    low, high = nominal.prior.extent.position_mm
     if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
         yield OTHER_END, replace(loads, position_mm=mirrored_mm)

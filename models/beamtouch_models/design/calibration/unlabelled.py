@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.nominal_surface import GAIN, OFFSET_NOISES, Fitted, NominalSurface, best_step
 from beamtouch_models.design.calibration.recordings import UnlabelledContacts
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.health.residuals import Residuals
 
 MISFITS = (4.0, 16.0, 64.0, 256.0)
@@ -46,7 +47,8 @@ def single_contact(misfit: Floats, degrees: int, share: float) -> Floats:
 class Located:
     """Contacts at the places and forces that explain them best on a surface with departures."""
 
-    position_mm: Floats
+    place_mm: Floats
+    """(contacts, axes)"""
     force_n: Floats
     """0 if it would have to pull, or to be beyond MAX_FORCE_RATIO: this is no contact."""
     residuals: Residuals
@@ -67,9 +69,9 @@ def locate(
     curve, prior, noise_mm = nominal.curve(vector), nominal.prior, contacts.noise_mm(zero_mm, left_error)
     known_n = prior.force_n[0] if prior.force_is_known else None
     linear_mm = curve.departures.linear_mm(contacts.measured_mm)
-    position, force = curve.best_contacts(linear_mm, noise_mm**-2, known_n)
+    place, force = curve.best_contacts(linear_mm, noise_mm**-2, known_n)
     force = np.where((force > 0) & (force <= MAX_FORCE_RATIO * prior.force_n[1]), force, 0.0)
-    return Located(position, force, Residuals.of(curve, position, force, contacts.measured_mm, noise_mm))
+    return Located(place, force, Residuals.of(curve, place, force, contacts.measured_mm, noise_mm))
 
 
 @dataclass(frozen=True)
@@ -120,14 +122,14 @@ def fit_contacts(
     offsets = np.arange(nominal.size)[nominal.kinds["offset"]]
     sized = ~np.isin(free, offsets)
     zeros = np.zeros(nominal.size)
-    zeros[offsets] = zero_mm / (OFFSET_NOISES * nominal.prior.noise_mm)
+    zeros[offsets] = zero_mm / (OFFSET_NOISES * nominal.prior.errors.noise_mm)
     vector, size, left_error, share = start, 1.0, GAIN, SHARES[0]
     if like is not None:
         vector, size, left_error, share = like.vector, like.size, like.left_error, 0.1
     for _ in range(ROUNDS):
         at = locate(nominal, vector, contacts, zero_mm, left_error)
         single = single_contact(at.residuals.misfit(errors), degrees, share) * (at.force_n > 0)
-        slopes = nominal.slopes(vector, at.position_mm, at.force_n, kinds)[..., free]
+        slopes = nominal.slopes(vector, at.place_mm, at.force_n, kinds)[..., free]
         about = np.maximum(np.where(sized, size, zeros[free]), MIN_SIZE**2)
         whitening = np.sqrt(single)[:, None, None] * at.residuals.whitening(errors)
         weighed, left = whitening @ slopes, (whitening @ at.residuals.left_mm[..., None])[..., 0]
@@ -146,7 +148,9 @@ def fit_contacts(
     whole = nominal.covariance_of(kinds, covariance)
     penalty = float((((vector - start)[free] / about) ** 2).sum())
     misfit = at.residuals.misfit(errors)
-    return ContactFit(nominal, kinds, vector, whole, start, size, left_error, at.position_mm, single, misfit, penalty)
+    return ContactFit(
+        nominal, kinds, vector, whole, start, size, left_error, at.place_mm[:, 0], single, misfit, penalty
+    )
 
 
 def _left_error(
@@ -211,12 +215,12 @@ def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> 
     noise_mm : (channels,) noise of a sample with the deviation of its zero
     """
     nominal, curve = fit.nominal, fit.nominal.curve(fit.vector)
-    (low, high), is_known = nominal.prior.position_mm, nominal.prior.force_is_known
+    (low, high), is_known = nominal.prior.extent.position_mm, nominal.prior.force_is_known
     margin = INNER * (high - low)
-    position = np.linspace(low + margin, high - margin, PLACES)
+    places = on_axis(np.linspace(low + margin, high - margin, PLACES))
     force = np.full(PLACES, np.mean(nominal.prior.force_n))
-    clean = curve.measured_mm(position, force)
-    slopes = nominal.slopes(fit.vector, position, force, tuple(nominal.kinds))
+    clean = curve.measured_mm(places, force)
+    slopes = nominal.slopes(fit.vector, places, force, tuple(nominal.kinds))
     relative = covariance
     if not is_known:
         project, gain = np.eye(nominal.size), nominal.kinds["gain"]
@@ -225,7 +229,7 @@ def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> 
     spread = np.einsum("lcv,vw,lcw->lc", slopes, relative, slopes)
     # The best estimate of the position, with a typical floor.
     deviation = np.sqrt(noise_mm**2 + spread)
-    along = curve.moved_mm(position, force)[: 1 if is_known else 2]
+    along = curve.moved_mm(places, force)[: 1 if is_known else 2]
     weights = np.linalg.pinv(np.moveaxis(along, 0, 2) / deviation[..., None])[:, 0] / deviation
     moves = np.einsum("lc,lcv->lv", weights, slopes)
     open_mm = np.sqrt(np.einsum("lv,vw,lw->l", moves, covariance, moves))

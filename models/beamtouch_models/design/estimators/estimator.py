@@ -1,9 +1,10 @@
 """The estimators by name. Each is a function from a prior to a graph."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from math import comb
 
+import numpy as np
 import onnx
 
 from beamtouch_models.design.accuracy.limit import limits_without
@@ -31,14 +32,14 @@ def fewest_channels(prior: Prior, seed: int, effort: Effort = USUAL) -> int:
     always count as sufficient, because their answer comes with its interval.
     """
     # The mean distance from the median of a uniform distribution is a quarter of its range.
-    guess_percent = (prior.position_mm[1] - prior.position_mm[0]) / 4 / prior.length_mm * 100
+    guess_percent = float(np.linalg.norm(prior.extent.size_mm)) / 4 / prior.diagonal_mm * 100
     every = range(prior.channels)
     for size in range(1, prior.channels):
         neighbours = (tuple(range(start, start + size)) for start in range(prior.channels - size + 1))
         sets = neighbours if comb(prior.channels, size) > MAX_SETS else combinations(every, size)
         missing = (sorted(set(every) - set(kept)) for kept in sets)
-        found = limits_without(prior, missing, effort.of(DRAWS, LEAST_DRAWS), seed)
-        if all(one.limit.value <= ENOUGH * guess_percent for one in found):
+        limits = limits_without(prior, missing, effort.of(DRAWS, LEAST_DRAWS), seed)
+        if all(compared.limit.value <= ENOUGH * guess_percent for compared in limits):
             return size
     return prior.channels
 
@@ -70,7 +71,7 @@ def estimator_of(
     """
     match name:
         case "posterior":
-            finest = replace(prior, noise_mm=min_noise_mm)
+            finest = prior.at_noise(min_noise_mm)
             graph = posterior_graph(prior, with_force=with_force, finest=finest)
             fewest = fewest_channels(prior, seed, effort)
         case "small-network":

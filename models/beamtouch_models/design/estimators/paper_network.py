@@ -22,6 +22,7 @@ from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.estimators.onnx_graph import Graph, model
 from beamtouch_models.design.sweeps import Fraction, silent
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.metadata import INPUTS
 
 HIDDEN = 10
@@ -198,7 +199,9 @@ def paper_graph(network: PaperNetwork) -> onnx.ModelProto:
 
 def trained_as_in_the_paper(prior: Prior, seed: int, effort: Effort = USUAL) -> PaperNetwork:
     """Train on deflections without noise, at the middle of the force range, because the paper has a single force."""
-    position = np.linspace(*prior.position_mm, PATTERNS)
+    position = np.linspace(*prior.extent.position_mm, PATTERNS)
     force = sum(prior.force_n) / 2
-    (network,) = train([force * prior.influence_at(position)], position, prior.length_mm, seed=seed, effort=effort)
+    (network,) = train(
+        [force * prior.influence_at(on_axis(position))], position, prior.diagonal_mm, seed=seed, effort=effort
+    )
     return network

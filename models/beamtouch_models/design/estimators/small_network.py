@@ -106,8 +106,8 @@ def train(
 
 def _examples(prior: Prior, table: Table, fewest: int, rng: np.random.Generator, size: int) -> tuple[Floats, Floats]:
     """Draw samples (size, channels), 0 where a channel is missing, and their nodes (size,), scaled to -1 .. 1."""
-    position, force = rng.uniform(*prior.position_mm, size=size), rng.uniform(*prior.force_n, size=size)
-    reading = prior.draw(position, force, rng)
+    place, force = prior.extent.uniform(size, rng), rng.uniform(*prior.force_n, size=size)
+    reading = prior.draw(place, force, rng)
     kept = [
         np.isin(np.arange(prior.channels), one)
         for count in range(fewest, prior.channels)
@@ -117,7 +117,7 @@ def _examples(prior: Prior, table: Table, fewest: int, rng: np.random.Generator,
         lacking = np.flatnonzero(rng.random(size) < MISSING_SHARE)
         reading[lacking] *= np.array(kept)[rng.integers(len(kept), size=len(lacking))]
     nodes = np.linspace(-1.0, 1.0, len(table.position_mm))
-    return reading, np.interp(position, table.position_mm, nodes)
+    return reading, np.interp(place[:, 0], table.position_mm, nodes)
 
 
 def loss_and_gradient(layers: Layers, features: Floats, target: Floats) -> tuple[float, Floats]:

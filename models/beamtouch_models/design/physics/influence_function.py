@@ -1,7 +1,8 @@
 """The influence function of a structure: the form in which physics reaches placement, limits and estimators.
 
-A scene is one way to fill it (`physics.beam.influence_of`). A measured beam, or any structure along
-a line, is another; a model file holds neither.
+A scene's beam is one way to fill it (`physics.beam.influence_of`). A measured table, or any elastic structure of one
+axis or two, is another; a model file holds none. What follows reads places only (`places`): what each sensor shows per
+newton there, how that changes along each axis, and how uncertain it is.
 """
 
 import math
@@ -14,6 +15,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.numbers import array_of
+from beamtouch_models.places import Extent, grid_of
 
 EVEN = 1e-6
 """Largest difference between the steps of even load positions, relative to a step."""
@@ -22,6 +24,8 @@ EVEN = 1e-6
 @dataclass(frozen=True, eq=False)
 class InfluenceFunction:
     """Deflections of a structure per newton, for its range of contacts.
+
+    Of a beam, positions (n,) may stand for places (n, 1); if `load_mm` are positions, `at` takes positions.
 
     >>> def at(sensor_mm, load_mm):  # a string of 400 mm that is pulled with 100 N
     ...     left, right = np.minimum.outer(load_mm, sensor_mm), 400 - np.maximum.outer(load_mm, sensor_mm)
@@ -36,82 +40,120 @@ class InfluenceFunction:
         A field breaks the rule documented on it; the message names it.
     """
 
-    length_mm: float
-    """Sensors and contacts stand at 0 to `length_mm`."""
+    length_mm: float | tuple[float, ...]
+    """Of a beam, or of a structure along each axis; sensors and contacts stand at 0 to `length_mm`."""
     load_mm: Floats
-    """(loads,) evenly spaced and ascending; contacts lie between the first and the last."""
+    """(loads, axes) places of an even grid, ascending; contacts lie within it."""
     force_n: tuple[float, float]
     """Range of forces, positive; equal ends if the force is known."""
     at: Callable[[Floats, Floats], Floats]
-    """From positions of sensors (sensors,) and loads (loads,), both in mm, to the influence matrix (loads, sensors) in
-    mm/N. Both come in any order, and anywhere on 0 to `length_mm`: equal pitch, for example, puts sensors where rules
-    allow none. All values are finite. So a table of measurements is interpolated over the whole length."""
+    """From places of sensors (sensors, axes) and loads (loads, axes), both in mm, to the influence matrix (loads,
+    sensors) in mm/N. Both come in any order, and anywhere on 0 to `length_mm`: equal pitch, for example, puts sensors
+    where rules allow none. All values are finite. So a table of measurements is interpolated over the whole length."""
     unit_mm_per_n: float = 1.0
     """Deflection per newton that counts as 1 in a dimensionless score, positive; l^3/(EI) of a beam."""
 
     def __post_init__(self) -> None:
         load = np.array(self.load_mm, dtype=np.float64)  # a copy: the caller may change its array
         object.__setattr__(self, "load_mm", load)
-        self._require("length_mm", 0 < self.length_mm < math.inf, "a positive number")
-        self._require("load_mm", load.ndim == 1 and load.size > 1, "a list of two positions or more")
+        self._require("length_mm", bool(np.all((self.size_mm > 0) & (self.size_mm < math.inf))), "a positive number")
+        is_beam, axes = load.ndim == 1, len(self.size_mm)
+        self._require("load_mm", load.ndim in (1, 2) and len(load) > 1, "a list of two positions or more")
+        load = load.reshape(len(load), -1)
+        self._require("load_mm", load.shape[1] == axes, f"a list of places with {axes} numbers each, as length_mm has")
         self._require("load_mm", bool(np.isfinite(load).all()), "finite")
-        self._require("load_mm", bool(load.min() >= 0 and load.max() <= self.length_mm), "at 0 to length_mm")
-        steps = np.diff(load)
-        uneven = EVEN * float(steps.mean()) + 16 * float(np.spacing(self.length_mm))
-        self._require("load_mm", bool(steps.min() > 0 and np.ptp(steps) <= uneven), "ascending and evenly spaced")
+        self._require("load_mm", bool(load.min() >= 0 and np.all(load <= self.size_mm)), "at 0 to length_mm")
+        self._require("load_mm", _is_even(load, self.diagonal_mm), "ascending and evenly spaced")
+        object.__setattr__(self, "load_mm", load)
         low, high = self.force_n
         self._require("force_n", 0 < low <= high < math.inf, "positive, the first no larger than the second")
         self._require("unit_mm_per_n", 0 < self.unit_mm_per_n < math.inf, "a positive number")
-        object.__setattr__(self, "at", partial(_checked, self.at))
+        object.__setattr__(self, "at", partial(_checked, self.at, is_beam))
         # A few values, in no order, so that a function with swapped arguments is refused at once.
-        self.at(self.length_mm * np.array([0.7, 0.2, 0.5]), load[[-1, 0]])
+        self.at(np.array([0.7, 0.2, 0.5])[:, None] * self.size_mm, load[[-1, 0]])
 
     def _require(self, name: str, is_kept: bool, wanted: str) -> None:
         if not is_kept:
             raise ValueError(f"{name} of an influence function must be {wanted}, not {getattr(self, name)}")
 
     @property
-    def position_mm(self) -> tuple[float, float]:
-        """Range of contact positions."""
-        return float(self.load_mm[0]), float(self.load_mm[-1])
+    def size_mm(self) -> Floats:
+        """Length along each axis, (axes,)."""
+        return np.atleast_1d(np.asarray(self.length_mm, dtype=np.float64))
+
+    @property
+    def diagonal_mm(self) -> float:
+        """What errors are stated in percent of: the length of a beam."""
+        return math.hypot(*self.size_mm)
+
+    @property
+    def extent(self) -> Extent:
+        """Where contacts lie."""
+        ends = zip(self.load_mm.min(axis=0).tolist(), self.load_mm.max(axis=0).tolist(), strict=True)
+        return Extent(tuple(ends))
 
     def matrix(self, sensor_mm: Floats) -> Floats:
-        """Return the influence matrix of sensors (sensors,) under all loads, (loads, sensors) in mm/N."""
+        """Return the influence matrix of sensors (sensors, axes) under all loads, (loads, sensors) in mm/N."""
         return self.at(sensor_mm, self.load_mm)
 
     def deviation(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
-        """Return the change of the influence by a tolerance of the sensors' positions, (loads, sensors) in mm/N.
+        """Return the change of the influence by a tolerance of the sensors' places, (loads, sensors, axes) in mm/N.
 
-        These are standard deviations, with the sign of the change towards the right. Errors as `at`.
+        These are standard deviations along each axis, with the sign of the change towards its end: of several loads at
+        once they add up, as a sensor is at one place only. Errors as `at`.
         """
-        left, right = (np.clip(sensor_mm + side * tolerance_mm, 0.0, self.length_mm) for side in (-1, 1))
-        change = self.at(right, load_mm) - self.at(left, load_mm)
-        # At an end of the beam the sensor can move to one side only.
-        deviation: Floats = change * (tolerance_mm / np.maximum(right - left, np.finfo(np.float64).tiny))
+        deviation = np.empty((len(load_mm), *sensor_mm.shape))
+        for axis, step in enumerate(tolerance_mm * np.eye(sensor_mm.shape[1])):
+            left, right = (np.clip(sensor_mm + side * step, 0.0, self.size_mm) for side in (-1, 1))
+            change = self.at(right, load_mm) - self.at(left, load_mm)
+            # At an end of the beam the sensor can move to one side only.
+            apart = np.maximum((right - left).sum(axis=1), np.finfo(np.float64).tiny)
+            deviation[..., axis] = change * (tolerance_mm / apart)
         return deviation
 
+    def variance(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
+        """Return the variance of the influence that the mounting leaves, (loads, sensors); arguments as `deviation`."""
+        variance: Floats = (self.deviation(sensor_mm, load_mm, tolerance_mm) ** 2).sum(axis=2)
+        return variance
 
-def _checked(at: Callable[[Floats, Floats], Floats], sensor_mm: Floats, load_mm: Floats) -> Floats:
+
+def _is_even(load: Floats, diagonal_mm: float) -> bool:
+    """Whether loads (loads, axes) are all places of an even grid in their order."""
+    ticks = [np.unique(column) for column in load.T]
+    if math.prod(len(tick) for tick in ticks) != len(load) or not np.array_equal(grid_of(ticks), load):
+        return False
+    steps = [np.diff(tick) for tick in ticks if len(tick) > 1]
+    rounding = 16 * float(np.spacing(diagonal_mm))
+    return len(steps) == len(ticks) and all(np.ptp(step) <= EVEN * float(step.mean()) + rounding for step in steps)
+
+
+def _checked(at: Callable[[Floats, Floats], Floats], is_beam: bool, sensor_mm: Floats, load_mm: Floats) -> Floats:
     """Return what the user's function returns; ValueError unless these are finite numbers of the right shape."""
-    matrix, wanted = array_of(at(sensor_mm, load_mm), "at of an influence function"), (len(load_mm), len(sensor_mm))
+    sensor_mm, load_mm = (np.reshape(places, (len(places), -1)) for places in (sensor_mm, load_mm))
+    sensors, loads = (sensor_mm[:, 0], load_mm[:, 0]) if is_beam else (sensor_mm, load_mm)
+    matrix, wanted = array_of(at(sensors, loads), "at of an influence function"), (len(load_mm), len(sensor_mm))
     must = "at of an influence function must return finite values of shape (loads, sensors)"
     if matrix.shape != wanted:
         raise ValueError(f"{must}, here {wanted}, not {matrix.shape}")
     if not np.isfinite(matrix).all():
         load, sensor = np.argwhere(~np.isfinite(matrix))[0]
-        where = f"for a sensor at {sensor_mm[sensor]:g} and a load at {load_mm[load]:g} mm"
-        raise ValueError(f"{must}, not {matrix[load, sensor]} {where}")
+        places = (", ".join(f"{number:g}" for number in place) for place in (sensor_mm[sensor], load_mm[load]))
+        raise ValueError(
+            f"{must}, not {matrix[load, sensor]} for a sensor at {next(places)} and a load at {next(places)} mm"
+        )
     return matrix
 
 
 def check_own(
     influence: InfluenceFunction, length_mm: float, position_mm: tuple[float, float], force_n: tuple[float, float]
 ) -> None:
-    """Raise SceneError unless what a user gives is an influence function for a scene's length and contacts."""
+    """Raise SceneError unless what a user gives is an influence function for the length and contacts of a beam."""
     require(influence, InfluenceFunction, "influence", "an InfluenceFunction")
+    if influence.extent.axes != 1:
+        raise SceneError(f"influence: it has {influence.extent.axes} axes, but a beam has one")
     for name, own, scene in (
-        ("length_mm", (influence.length_mm,), (length_mm,)),
-        ("load_mm", influence.position_mm, position_mm),
+        ("length_mm", (influence.diagonal_mm,), (length_mm,)),
+        ("load_mm", influence.extent.position_mm, position_mm),
         ("force_n", influence.force_n, force_n),
     ):
         if not np.allclose(own, scene, rtol=EVEN, atol=0.0 if name == "force_n" else EVEN * length_mm):

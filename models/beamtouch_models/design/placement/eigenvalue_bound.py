@@ -1,4 +1,4 @@
-"""By how much a layout on the grid can exceed another one in the paper's objective.
+"""By how much a layout of a beam on the grid can exceed another one in the paper's objective.
 
 It is the dual of a convex relaxation. Let f_i be the column of candidate i, M the sum of f_i f_i^T over a layout, and
 T any positive definite matrix with eigenvalues t_1 <= t_2 <= ... Let mu be the eigenvalues of M in descending order.
@@ -39,7 +39,7 @@ def largest_gap(
     """
     with one_thread():
         product = eigenvalue_product_of(influence, rules, len(positions_mm), leading)
-        return gap_of(product, np.searchsorted(rules.position_mm, positions_mm))
+        return gap_of(product, np.searchsorted(rules.place_mm[:, 0], positions_mm))
 
 
 def gap_of(product: EigenvalueProduct, layout: Indices) -> float:
@@ -81,13 +81,13 @@ def bound_layouts(product: EigenvalueProduct, weights: Floats, mask: Bools) -> t
     inverse[:whole] = 1 / spectrum[:whole]
     price = inverse @ (vectors[:, ::-1].T @ product.features) ** 2 + product.tail / shares[whole]
     constant = leading * (product.offset - 1) - np.log(inverse[:leading]).sum()
-    return product.rules.best_through(np.where(mask, price, -np.inf)) + constant, price
+    return product.rules.on_line.best_through(np.where(mask, price, -np.inf)) + constant, price
 
 
 def _bound(product: EigenvalueProduct, layout: Indices, limit: float) -> float:
     """Return a bound on the scores of all layouts that exceed `limit`; minus infinity if none does."""
-    shape = (len(layout), len(product.rules.position_mm))
-    mask, at_layout = np.isfinite(product.rules.best_through(np.zeros(shape))), np.zeros(shape)
+    shape = (len(layout), len(product.rules.place_mm))
+    mask, at_layout = np.isfinite(product.rules.on_line.best_through(np.zeros(shape))), np.zeros(shape)
     at_layout[np.arange(shape[0]), np.sort(layout)] = 1
     weights, bound = _within(mask, at_layout), np.inf
     for step in range(STEPS):

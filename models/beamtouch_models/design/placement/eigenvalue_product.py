@@ -157,11 +157,11 @@ class EigenvalueProduct:
         return logs + self.leading * (self.offset + math.log(len(self.matrix)))
 
     def starts(self, seed: int) -> list[Indices]:
-        """Return the allowed layouts nearest to equal pitch, to greedy pivoting, and to positions drawn uniformly."""
-        rng, position, count = np.random.default_rng(seed), self.rules.position_mm, len(self.equal)
+        """Return the allowed layouts nearest to equal pitch, to greedy pivoting, and to places drawn uniformly."""
+        rng, place, count = np.random.default_rng(seed), self.rules.place_mm, len(self.equal)
         greedy = np.concatenate([self.rules.fixed, np.resize(self.pivots, count - len(self.rules.fixed))])
-        drawn = rng.uniform(position[0], position[-1], size=(RANDOM_STARTS, count))
-        wanted = (self.rules.fitted(places) for places in (position[greedy], *drawn))
+        drawn = rng.uniform(place.min(axis=0), place.max(axis=0), size=(RANDOM_STARTS, count, self.rules.axes))
+        wanted = (self.rules.fitted(places) for places in (place[greedy], *drawn))
         return [self.equal, *(layout for layout in wanted if layout is not None)]
 
 
@@ -186,8 +186,8 @@ def eigenvalue_product_of(
     if leading > count:
         message = f"{count} sensors have {count} components, not {leading}; use fewer components or more sensors"
         raise SceneError(message)
-    equal = equal_layout(rules, influence.length_mm, count)
-    matrix = influence.matrix(rules.position_mm)
+    equal = equal_layout(rules, influence.size_mm, count)
+    matrix = influence.matrix(rules.place_mm)
     size = float(np.abs(matrix).max())
     if not 0 < size < np.inf:
         message = f"the largest deflection per newton is {size:g} mm; check the dimensions and the rigidity of the beam"

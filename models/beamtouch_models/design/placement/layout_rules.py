@@ -1,114 +1,159 @@
-"""Sensor layouts: the candidate grid and the rules for a layout."""
+"""Sensor layouts: the places that a sensor may take, and the rules for a layout.
+
+A layout is an array of candidates (sensors,), ascending. Distances are those between places, and a sensor moves to
+neighbours on the grid of the candidates, so that beams and plates are placed alike.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import combinations
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.design.placement.line_layouts import LineLayouts
 from beamtouch_models.errors import SceneError
+from beamtouch_models.places import along_axis
 
 
 @dataclass(frozen=True, eq=False)
 class LayoutRules:
-    """The positions that a sensor may take, and the rules for a layout.
+    """The places that a sensor may take, and the rules for a layout.
 
-    A layout is an ascending list of distinct candidates, at least `min_distance_mm` apart, that includes every fixed
-    sensor.
+    A layout is a list of distinct candidates, at least `min_distance_mm` apart, that includes every fixed sensor.
     """
 
-    position_mm: Floats
-    """(candidates,), ascending, the fixed sensors among them."""
+    place_mm: Floats
+    """(candidates, axes), the fixed sensors among them, ascending by the first axis, then by the next."""
     fixed: Indices
     """Candidates of the fixed sensors, ascending."""
     min_distance_mm: float
 
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return len(self.place_mm[0])
+
+    @cached_property
+    def _ticks(self) -> list[Floats]:
+        """The coordinates along each axis that candidates have."""
+        return [np.unique(column) for column in self.place_mm.T]
+
+    @cached_property
+    def _on_grid(self) -> Indices:
+        """(candidates, axes), the number of each coordinate among those of its axis."""
+        columns = zip(self._ticks, self.place_mm.T, strict=True)
+        return np.stack([np.searchsorted(ticks, column) for ticks, column in columns], axis=1)
+
+    @cached_property
+    def _candidate_at(self) -> Indices:
+        """The candidate at each place of the grid, or -1; an array with the coordinates of each axis."""
+        candidate_at = np.full([len(ticks) for ticks in self._ticks], -1, dtype=np.intp)
+        candidate_at[tuple(self._on_grid.T)] = np.arange(len(self.place_mm))
+        return candidate_at
+
+    @property
+    def steps_across(self) -> int:
+        """Number of steps from one end of the longest axis to the other, and one."""
+        return int(max(self._candidate_at.shape))
+
     @cached_property
     def gap_mm(self) -> float:
-        """Smallest distance between neighbours, minus a tolerance for rounding of the grid's multiples."""
-        step, span = float(np.diff(self.position_mm).min()), float(np.ptp(self.position_mm))
+        """Smallest distance between sensors, minus a tolerance for rounding of the grid's multiples."""
+        step = min(float(np.diff(ticks).min(initial=np.inf)) for ticks in self._ticks)
+        span = float(np.ptp(self.place_mm, axis=0).max())
         return max(self.min_distance_mm - 1e-9 * span, step / 2)
 
     @cached_property
-    def last_before(self) -> Indices:
-        """For each candidate, the last one to its left that keeps the distance, or -1; (candidates,)."""
-        return np.searchsorted(self.position_mm, self.position_mm - self.gap_mm, side="right") - 1
-
-    @cached_property
-    def mirrored(self) -> "LayoutRules":
-        """The same rules seen from the right end."""
-        return LayoutRules(-self.position_mm[::-1], len(self.position_mm) - 1 - self.fixed[::-1], self.min_distance_mm)
+    def on_line(self) -> LineLayouts:
+        """The layouts of a beam; ValueError if there are more axes."""
+        (position_mm,) = self.place_mm.T
+        return LineLayouts(position_mm, self.fixed, self.gap_mm)
 
     def allowed(self, layouts: Indices) -> Bools:
         """Return whether each layout (population, sensors) keeps the distance and has all fixed sensors."""
-        positions = np.sort(self.position_mm[layouts], axis=1)
-        kept: Bools = np.all(np.diff(positions, axis=1) >= self.gap_mm, axis=1)
+        kept = np.ones(len(layouts), dtype=np.bool_)
+        pairs = np.array(list(combinations(range(layouts.shape[1]), 2)), dtype=np.intp).reshape(-1, 2)
+        places = self.place_mm[layouts]
+        apart = np.hypot.reduce(np.abs(places[:, pairs[:, 0]] - places[:, pairs[:, 1]]), axis=2)
+        kept &= np.all(apart >= self.gap_mm, axis=1)
         for index in self.fixed:
             kept &= np.any(layouts == index, axis=1)
         return kept
 
-    def fitted(self, wanted_mm: Floats) -> Indices | None:
-        """Return the allowed layout nearest to wanted positions (sensors,); None if no layout exists."""
-        span = self.position_mm[-1] - self.position_mm[0]
-        return self.best(-(((np.sort(wanted_mm)[:, None] - self.position_mm) / span) ** 2))
+    def moved(self, layout: Indices, steps: Indices) -> Indices:
+        """Return a layout (sensors,) moved by steps (moves, sensors, axes) on the grid, (moves, sensors).
 
-    def best(self, values: Floats) -> Indices | None:
-        """Return the layout with the largest sum of values (sensors, candidates), or None.
-
-        Row k holds the values of the k-th sensor from the left. Dynamic programming over the sensors finds the layout;
-        None means that no allowed layout has finite values.
+        It is -1 where a sensor would leave the candidates.
         """
-        sums = self._sums_from_left(values)
-        last = sums[-1].copy()
-        if len(self.fixed):
-            last[: self.fixed[-1]] = -np.inf
-        if not np.isfinite(last.max()):
+        there = self._on_grid[layout] + steps
+        shape = np.array(self._candidate_at.shape)
+        is_inside = np.all((there >= 0) & (there < shape), axis=2)
+        moved: Indices = np.where(
+            is_inside, self._candidate_at[tuple(np.moveaxis(np.clip(there, 0, shape - 1), 2, 0))], -1
+        )
+        return moved
+
+    def pushed(self, layout: Indices, steps: Indices) -> Indices:
+        """Like `moved`, but a sensor goes no farther than the ends of the grid, and stays where no candidate is."""
+        shape = np.array(self._candidate_at.shape)
+        there = np.clip(self._on_grid[layout] + steps, 0, shape - 1)
+        candidates = self._candidate_at[tuple(np.moveaxis(there, 2, 0))]
+        return np.where(candidates >= 0, candidates, layout)
+
+    def evenly(self, count: int) -> Indices:
+        """Return candidates spread evenly along each axis, about `count`."""
+        along = max(2, along_axis(count, self.axes))
+        ticks = [np.linspace(0, len(ticks) - 1, along).round().astype(np.intp) for ticks in self._ticks]
+        candidates = self._candidate_at[np.ix_(*ticks)].ravel()
+        return candidates[candidates >= 0]
+
+    def fitted(self, wanted_mm: Floats) -> Indices | None:
+        """Return the allowed layout nearest to wanted places (sensors, axes); None if no layout exists.
+
+        On one axis it is the nearest, and None is certain. On more, sensors take the nearest place left in their order.
+        """
+        if self.axes == 1:
+            span = self.place_mm[-1] - self.place_mm[0]
+            return self.on_line.best(-(((np.sort(wanted_mm, axis=0) - self.place_mm.T) / span) ** 2))
+        apart = np.linalg.norm(wanted_mm[:, None] - self.place_mm, axis=2)
+        rows, columns = linear_sum_assignment(apart[:, self.fixed])
+        layout = self.fixed[columns].tolist()
+        if len(layout) < len(self.fixed):
             return None
-        layout = [int(last.argmax())]
-        for row in sums[-2::-1]:
-            # The one before stands at or after the last fixed sensor on its side.
-            before = self.fixed[self.fixed < layout[-1]]
-            low = int(before[-1]) if len(before) else 0
-            layout.append(low + int(row[low : self.last_before[layout[-1]] + 1].argmax()))
-        return np.array(layout[::-1], dtype=np.intp)
-
-    def best_through(self, values: Floats) -> Floats:
-        """Return the largest sum of values of a layout whose k-th sensor is at i, or -inf; (sensors, candidates)."""
-        left = self._sums_from_left(values)
-        right = self.mirrored._sums_from_left(values[::-1, ::-1])[::-1, ::-1]
-        through = np.full_like(values, -np.inf)
-        usable = np.isfinite(values)
-        through[usable] = left[usable] + (right[usable] - values[usable])
-        return through
-
-    def _sums_from_left(self, values: Floats) -> Floats:
-        """Return the largest sum of the first k + 1 values with the k-th sensor at i; (sensors, candidates)."""
-        sums = np.full_like(values, -np.inf)
-        first = self.fixed[0] if len(self.fixed) else len(self.position_mm) - 1
-        sums[0, : first + 1] = values[0, : first + 1]
-        # The predecessor of a sensor is at or after the last fixed sensor before it, which must not be skipped.
-        bounds = [0, *(int(index) + 1 for index in self.fixed), len(self.position_mm)]
-        for k in range(1, len(values)):
-            for start, end in pairwise(bounds):
-                low = max(start - 1, 0)
-                running = np.maximum.accumulate(sums[k - 1, low:end])
-                before = self.last_before[start:end] - low
-                reached = np.where(before >= 0, running[np.maximum(before, 0)] if len(running) else -np.inf, -np.inf)
-                sums[k, start:end] = values[k, start:end] + reached
-        return sums
+        is_free = np.ones(len(self.place_mm), dtype=np.bool_)
+        for row in [None, *np.setdiff1d(np.arange(len(wanted_mm)), rows).tolist()]:
+            if row is not None:
+                if not is_free.any():
+                    return None
+                layout.append(int(np.where(is_free, apart[row], np.inf).argmin()))
+            taken = self.place_mm[layout]
+            is_free = np.linalg.norm(self.place_mm[:, None] - taken, axis=2).min(axis=1, initial=np.inf) >= self.gap_mm
+        return np.sort(np.array(layout, dtype=np.intp))
 
 
-def equal_pitch_mm(length_mm: float, count: int) -> Floats:
-    """Return the layout that divides the beam into equal parts; (count,) in mm."""
-    return length_mm * np.arange(1, count + 1) / (count + 1)
+def equal_pitch_mm(size_mm: Floats, count: int) -> Floats:
+    """Return the layout that divides a structure of this size (axes,) into equal parts, (count, axes) in mm.
+
+    On a plate it has rows, as many as make the parts about as long as wide.
+    """
+    if len(size_mm) == 1:
+        return size_mm * np.arange(1, count + 1)[:, None] / (count + 1)
+    length_mm, width_mm = size_mm
+    rows = min(count, max(1, round(float(np.sqrt(count * width_mm / length_mm)))))
+    places = []
+    for row, sensors in enumerate(np.array_split(np.arange(count), rows)):
+        along = equal_pitch_mm(size_mm[:1], len(sensors))
+        places.append(np.column_stack([along, np.full(len(sensors), width_mm * (row + 1) / (rows + 1))]))
+    return np.concatenate(places)
 
 
-def equal_layout(rules: LayoutRules, length_mm: float, count: int) -> Indices:
-    """Return the allowed layout nearest to equal pitch on a beam of this length; SceneError if no layout exists."""
+def equal_layout(rules: LayoutRules, size_mm: Floats, count: int) -> Indices:
+    """Return the allowed layout nearest to equal pitch on a structure of this size; SceneError if no layout exists."""
     if count < len(rules.fixed):
         raise SceneError(f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed")
-    layout = rules.fitted(equal_pitch_mm(length_mm, count))
+    layout = rules.fitted(equal_pitch_mm(size_mm, count))
     if layout is None:
         raise SceneError(
             f"no layout of {count} sensors keeps the rules of sensors (size_mm, min_distance_mm, keep_out_mm, "

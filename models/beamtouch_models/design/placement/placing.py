@@ -10,7 +10,7 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.limit import accuracy_limit, limits_without
-from beamtouch_models.design.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.placement.eigenvalue_product import (
@@ -20,7 +20,7 @@ from beamtouch_models.design.placement.eigenvalue_product import (
     principal_components,
 )
 from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout, equal_pitch_mm
-from beamtouch_models.design.placement.position_error import PositionError, position_error_of
+from beamtouch_models.design.placement.position_error import PositionError, Sampling, position_error_of
 from beamtouch_models.design.placement.search import SearchRun, first_best, search_from
 from beamtouch_models.design.sweeps import Progress, one_thread, silent
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
@@ -77,14 +77,19 @@ DEFAULT_AIM = Aim(CRITERIA[0])
 class Placement:
     """A layout, and the search that found it."""
 
-    positions_mm: tuple[float, ...]
-    """Ascending, from the left end."""
+    place_mm: Floats
+    """(sensors, axes), ascending by the first axis."""
     log_eigenvalue_product: float
     """Natural logarithm of the product of the leading eigenvalues, with deflections per newton in the structure's
     `unit_mm_per_n`: for a beam, lengths in units of l and W/(EI) = 1. Minus infinity if rounding hides one of them,
     which can happen with the position-error criterion only."""
     evaluations: int
     """Number of layouts scored."""
+
+    @property
+    def positions_mm(self) -> tuple[float, ...]:
+        """The places on a beam, from the left end."""
+        return tuple(self.place_mm[:, 0].tolist())
 
 
 def place_as(
@@ -93,16 +98,16 @@ def place_as(
     rules: LayoutRules,
     count: int,
     seed: int,
-    errors: SampleErrors,
+    sampling: Sampling,
     progress: Progress = silent,
 ) -> Placement:
     """Place sensors as an aim says; arguments and errors as `place_by_position_error`."""
     if aim.criterion == "eigenvalue-product":
         return place(influence, rules, count, seed, aim.leading, search=aim.search, effort=aim.effort)
-    found = place_by_position_error(influence, rules, count, seed, errors, aim, progress)
+    placement = place_by_position_error(influence, rules, count, seed, sampling, aim, progress)
     if aim.leading is None:
-        return found
-    return replace(found, log_eigenvalue_product=score_positions(influence, np.array(found.positions_mm), aim.leading))
+        return placement
+    return replace(placement, log_eigenvalue_product=score_layout(influence, placement.place_mm, aim.leading))
 
 
 def place(
@@ -147,7 +152,7 @@ def place_by_position_error(
     rules: LayoutRules,
     count: int,
     seed: int,
-    errors: SampleErrors,
+    sampling: Sampling,
     aim: Aim = DEFAULT_AIM,
     progress: Progress = silent,
 ) -> Placement:
@@ -161,8 +166,8 @@ def place_by_position_error(
     largest, over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth
     up to `position_error.SPARE_NOTICES` of it.
 
-    `errors` are those of a sample; its noise must not be 0. `aim` has the search, too. `progress` is
-    called with the current step and the fraction done. SceneError also if a sensor stands where nothing moves.
+    The noise of `sampling` must not be 0. `aim` has the search, too. `progress` is called with the current step and
+    the fraction done. SceneError also if a sensor stands where nothing moves.
     """
     if count <= aim.spare:
         message = (
@@ -170,7 +175,7 @@ def place_by_position_error(
         )
         raise SceneError(message)
     with one_thread():
-        equal = equal_layout(rules, influence.length_mm, count)
+        equal = equal_layout(rules, influence.size_mm, count)
         product = equal
         with suppress(SceneError):  # there may be fewer components than sensors
             by_product = eigenvalue_product_of(influence, rules, count)
@@ -178,7 +183,7 @@ def place_by_position_error(
                 search_from(by_product.starts(seed), by_product, "exchange", seed, effort=aim.effort)
             ).layout
         objective = position_error_of(
-            influence, rules, equal, errors, seed, spare=aim.spare, reference=product, effort=aim.effort
+            influence, rules, equal, sampling, seed, spare=aim.spare, reference=product, effort=aim.effort
         )
         runs = search_from(
             [product, equal],
@@ -189,29 +194,38 @@ def place_by_position_error(
             aim.effort,
         )
         layout = _least(objective, [*(run.layout for run in runs), product, equal], influence, seed, aim.effort)
-    positions = rules.position_mm[layout]
-    size = np.abs(influence.matrix(positions)).max(axis=0)
+    places = rules.place_mm[layout]
+    size = np.abs(influence.matrix(places)).max(axis=0)
     if size.min() <= AT_REST * size.max():
-        message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
+        message = (
+            f"sensors: nothing moves at {_in_words(places[size.argmin()])}; move that sensor, or use fewer sensors"
+        )
         raise SceneError(message)
-    return _checked(rules, layout, score_positions(influence, positions), runs)
+    return _checked(rules, layout, score_layout(influence, places), runs)
 
 
 def _checked(rules: LayoutRules, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
     """Return the result of a search, whatever made it; NotGoodEnoughError if it breaks a rule."""
-    positions_mm = tuple(rules.position_mm[layout].tolist())
+    places = rules.place_mm[layout]
     if not rules.allowed(layout[None, :])[0]:
         raise NotGoodEnoughError(
-            f"the search ended at {', '.join(f'{position:g}' for position in positions_mm)} mm, against the rules of "
-            "sensors; please report this scene as a defect"
+            f"the search ended at {', '.join(map(_in_words, places))}, against the rules of sensors; please report "
+            "this scene as a defect"
         )
-    return Placement(positions_mm, score, sum(run.evaluations for run in runs))
+    return Placement(places, score, sum(run.evaluations for run in runs))
 
 
-def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
-    """Return the logarithm of the eigenvalue product of a layout, in the unit of `Placement.log_eigenvalue_product`."""
-    score = log_eigenvalue_product(influence.matrix(positions_mm), leading)
-    return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
+def _in_words(place_mm: Floats) -> str:
+    return f"{', '.join(f'{number:g}' for number in place_mm)} mm"
+
+
+def score_layout(influence: InfluenceFunction, place_mm: Floats, leading: int | None = None) -> float:
+    """Return the logarithm of the eigenvalue product of sensors at places (sensors, axes).
+
+    Its unit is that of `Placement.log_eigenvalue_product`.
+    """
+    score = log_eigenvalue_product(influence.matrix(place_mm), leading)
+    return score - 2 * (leading or len(place_mm)) * float(np.log(influence.unit_mm_per_n))
 
 
 def _least(
@@ -229,7 +243,7 @@ def _least(
         return np.asarray(near[0])
 
     def limit(layout: Indices) -> float:
-        prior = Prior.real(influence, objective.rules.position_mm[layout], objective.errors)
+        prior = Prior.of(influence, objective.rules.place_mm[layout], objective.sampling.errors)
         draws = effort.of(FINAL_DRAWS, LEAST_DRAWS) // (len(layout) if objective.spare else 1)
         return _limit_percent(prior, objective.spare, draws, seed) * objective.worth(layout)
 
@@ -241,7 +255,7 @@ def _limit_percent(prior: Prior, spare: int, draws: int, seed: int) -> float:
     if not spare:
         return accuracy_limit(prior, draws, seed).value
     failed = limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed)
-    return max(one.limit.value for one in failed)
+    return max(compared.limit.value for compared in failed)
 
 
 def recommended_count(influence: InfluenceFunction, noise_mm: float) -> int:
@@ -252,7 +266,7 @@ def recommended_count(influence: InfluenceFunction, noise_mm: float) -> int:
     """
     low, high = influence.force_n
     force = math.sqrt((low * low + low * high + high * high) / 3)
-    matrix = influence.matrix(equal_pitch_mm(influence.length_mm, PROBES))
+    matrix = influence.matrix(equal_pitch_mm(influence.size_mm, PROBES))
     size = float(np.abs(matrix).max())
     if size == 0 or force == 0:
         return 2
@@ -265,7 +279,7 @@ def fewest_sensors(
     counts: tuple[int, int],
     *,
     wanted_mm: float | None,
-    errors: SampleErrors,
+    sampling: Sampling,
     seed: int,
     aim: Aim = DEFAULT_AIM,
     progress: Progress = silent,
@@ -278,7 +292,7 @@ def fewest_sensors(
     counts : smallest and largest number of sensors; equal ends need no requirement. Numbers below that of the fixed
         sensors are passed over.
     wanted_mm : largest mean position error
-    errors : errors of a sample
+    sampling : the samples, with their errors
     seed : seed of the search and of the simulated contacts
     aim : criterion and search of the layouts
     progress : called with the current step and the fraction done
@@ -291,7 +305,7 @@ def fewest_sensors(
     """
     fewest, most = counts
     if fewest == most:
-        return place_as(aim, influence, rules, most, seed, errors, progress)
+        return place_as(aim, influence, rules, most, seed, sampling, progress)
     if wanted_mm is None:
         raise SceneError(
             "sensors.count leaves the number open; give requirements.position_error_mm, or a number of sensors "
@@ -307,13 +321,13 @@ def fewest_sensors(
 
     for number in range(min(max(fewest, len(rules.fixed), aim.spare + 1, aim.leading or 1), most), most + 1):
         try:
-            placement = place_as(aim, influence, rules, number, seed, errors, progress)
+            placement = place_as(aim, influence, rules, number, seed, sampling, progress)
         except SceneError as refusal:
             if reached_mm == math.inf:
                 raise
             raise out_of_reach(number - 1, f"and {refusal}") from None
-        prior = Prior.real(influence, np.array(placement.positions_mm), errors)
-        reached_mm = _limit_percent(prior, aim.spare, COUNT_DRAWS, seed) / 100 * influence.length_mm
+        prior = Prior.of(influence, placement.place_mm, sampling.errors)
+        reached_mm = _limit_percent(prior, aim.spare, COUNT_DRAWS, seed) / 100 * influence.diagonal_mm
         if reached_mm <= wanted_mm:
             return placement
     raise out_of_reach(most, "use sensors with less noise or allow more latency_ms")

@@ -8,8 +8,8 @@ places may explain a sample alike, and only drawn errors show how often; then th
 the same for every layout, and more of them lie where errors are large. The cells of the grid are narrower where an
 equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
 
-*Other loads.* Two kinds of load are not a single contact: two equal contacts half of the range apart, and a load
-distributed evenly over half of the range, each at several places and with several forces. A load moves the whitened
+*Other loads.* Two kinds of load are not a single contact: two equal contacts half of the range of each axis apart, and
+a load distributed evenly over that half, each at several places and with several forces. A load moves the whitened
 sample by m. The best single contact leaves the distance
 
     d^2 = min over x and F >= 0 of |m - F W G(x)|^2,
@@ -27,21 +27,25 @@ import numpy as np
 from scipy.special import chndtr
 
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.design.accuracy.limit import concentrate_on_errors, cramer_rao_error_mm, spread_contacts
-from beamtouch_models.design.accuracy.posterior import MIN_LOG, log_density
-from beamtouch_models.design.accuracy.prior import Prior, SampleErrors, forces_of
+from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_error_mm
+from beamtouch_models.design.accuracy.drawing import concentrate_on_errors, concentrated_ticks, spread_contacts
+from beamtouch_models.design.accuracy.likelihood import log_density
+from beamtouch_models.design.accuracy.posterior import MIN_LOG
+from beamtouch_models.design.accuracy.prior import Prior, forces_of
 from beamtouch_models.design.accuracy.thresholds import left_by_contact, misfit_threshold
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.placement.layout_rules import LayoutRules
+from beamtouch_models.places import Extent, grid_of
 from beamtouch_models.runtime.curve import Curve
+from beamtouch_models.runtime.error_model import Errors
 
 KINDS, PLACES, FORCES = 2, 8, 4
-"""Kinds of loads; for each, places along the range and forces."""
+"""Kinds of loads; for each, places over the extent, about, and forces."""
 PARTS = 64
-"""Point loads that stand for a load spread over half of the range."""
+"""Point loads that stand for a load distributed over half of the range of each axis."""
 CONTACTS = 257
-"""Places of the contacts that may explain a load."""
+"""Places of the contacts that may explain a load, about."""
 CERTAIN = 1e3
 """Largest d^2: such a load is always noticed. The noncentral chi-square takes longer for larger ones."""
 SLACK = 0.01
@@ -64,60 +68,82 @@ TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
+class Sampling:
+    """The samples by which a model tells loads."""
+
+    errors: Errors
+    min_noise_mm: float | None = None
+    """Noise of a sample of the most readings; None: that of `errors`."""
+    rate_hz: float = 100.0
+    """Readings per second."""
+    readings: int = 24
+    """Readings in the means for which the threshold of misfit holds."""
+
+    @property
+    def settled(self) -> Errors:
+        """The errors of a sample of the most readings."""
+        return self.errors if self.min_noise_mm is None else replace(self.errors, noise_mm=self.min_noise_mm)
+
+
+@dataclass(frozen=True)
 class OtherLoads:
     """Loads that are not one contact, and the contacts that may explain them, at all candidates."""
 
     sample: Floats
-    """(loads, candidates), deflection in mm; for each force, the places of each kind."""
+    """(loads, candidates), deflection in mm; for each force, the same number of each kind."""
     precision: Floats
     """(loads, candidates), 1 over the variance of a sample of it, in 1/mm^2."""
-    places_mm: Floats
-    """(contacts,), places of contacts."""
+    ticks: tuple[Floats, ...]
+    """(axes,), coordinates of a grid of contacts."""
     shapes: Floats
     """(contacts, candidates), deflection per newton under them, in mm/N."""
-    errors: SampleErrors
+    forces: int
+    """Number of forces."""
+    sampling: Sampling
 
     def noticed(self, layout: Indices) -> Floats:
         """Return the share of each kind (kinds,) that a layout (sensors,) notices."""
         channels = left_by_contact(len(layout))
         square = np.minimum(self.unexplained(layout), CERTAIN)
         missed = chndtr(self.threshold(len(layout)), channels, square)
-        share: Floats = 1 - missed.reshape(-1, KINDS, PLACES).mean(axis=(0, 2))
+        share: Floats = 1 - missed.reshape(self.forces, KINDS, -1).mean(axis=(0, 2))
         return share
 
     def threshold(self, sensors: int) -> float:
         """Return the misfit that a model of this many sensors takes for that of one contact at most."""
-        noise = self.errors.noise_mm / float(np.hypot(self.errors.noise_mm, self.errors.zero_mm))
-        return misfit_threshold(noise, sensors, self.errors.rate_hz, self.errors.readings)
+        sampling, errors = self.sampling, self.sampling.errors
+        noise = errors.noise_mm / float(np.hypot(errors.noise_mm, errors.zero_mm))
+        return misfit_threshold(noise, sensors, sampling.rate_hz, sampling.readings)
 
     def unexplained(self, layout: Indices) -> Floats:
         """Return d^2 of each load (loads,) for a layout (sensors,)."""
-        curve = Curve(self.places_mm, self.shapes[:, layout])
+        curve = Curve(self.ticks, self.shapes[:, layout])
         return curve.unexplained(self.sample[:, layout], self.precision[:, layout])
 
 
-def other_loads(influence: InfluenceFunction, rules: LayoutRules, errors: SampleErrors) -> OtherLoads:
-    """Return the loads on a structure, for sensors at the candidates of these rules with these errors of a sample."""
-    low, high = influence.position_mm
-    half = (high - low) / 2
-    first = low + half * ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
-    kinds = (first + np.array([0.0, half]), first + half * (np.arange(PARTS) + 0.5) / PARTS)
+def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Sampling) -> OtherLoads:
+    """Return the loads on a structure, for sensors at the candidates of these rules."""
+    extent, errors = influence.extent, sampling.settled
+    half = Extent(tuple((0.0, float(size) / 2) for size in extent.size_mm))
+    first = extent.low_mm + half.middles(PLACES)[:, None]
+    kinds = (first + np.stack([0 * half.size_mm, half.size_mm]), first + half.middles(PARTS))
     weak, strong = influence.force_n
     forces = np.unique(weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES)
 
     def under(at: Callable[[Floats], Floats]) -> Floats:
-        """Return what all loads do, from what 1 N at places (places,) does to the candidates."""
-        each = [at(kind.ravel()).reshape(*kind.shape, -1).mean(axis=1) for kind in kinds]
-        return np.concatenate([force * per_newton for force in forces for per_newton in each])
+        """Return what all loads do, from what 1 N at places (places, axes) does to the candidates."""
+        values = [at(kind.reshape(-1, extent.axes)) for kind in kinds]
+        means = [value.reshape(len(kinds[0]), -1, *value.shape[1:]).mean(axis=1) for value in values]
+        return np.concatenate([force * per_newton for force in forces for per_newton in means])
 
-    sample = under(partial(influence.at, rules.position_mm))
-    settled = errors if errors.min_noise_mm is None else replace(errors, noise_mm=errors.min_noise_mm)
-    moved: Floats | float = 0.0
+    sample = under(partial(influence.at, rules.place_mm))
+    mounting: Floats | float = 0.0
     if errors.mounting_mm:
-        moved = under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm))
-    places = np.linspace(low, high, CONTACTS)
-    shapes = influence.at(rules.position_mm, places)
-    return OtherLoads(sample, 1 / settled.variance_mm2(sample, moved), places, shapes, errors)
+        deviation = under(partial(influence.deviation, rules.place_mm, tolerance_mm=errors.mounting_mm))
+        mounting = (deviation**2).sum(axis=2)
+    ticks = tuple(extent.ticks(CONTACTS))
+    shapes = influence.at(rules.place_mm, grid_of(list(ticks)))
+    return OtherLoads(sample, 1 / errors.variance_mm2(sample, mounting), ticks, shapes, len(forces), sampling)
 
 
 @dataclass(frozen=True)
@@ -131,24 +157,24 @@ class PositionError:
     rules: LayoutRules
     force_n: tuple[float, float]
     """Range of forces, with equal ends if the force is known."""
-    errors: SampleErrors
+    sampling: Sampling
     spare: int
     """Sensors that may fail, 0 or 1."""
     others: OtherLoads
     least: Floats
     """(kinds,), shares of other loads that a layout without a spare notices at least."""
-    edges_mm: Floats
-    """(cells + 1,) over the range of contacts."""
+    edges_mm: list[Floats]
+    """(axes,), edges of the cells along each axis of the extent."""
     shapes: Floats
     """(cells, candidates), deflection per newton at the middles of the cells, in mm/N."""
-    uncertain: Floats | None
-    """(cells, candidates), its deviation by the mounting of a sensor, in mm/N; None if positions are exact."""
+    variance: Floats | None
+    """(cells, candidates), its variance by the mounting of a sensor, in (mm/N)^2; None if places are exact."""
     clean_mm: Floats
     """(contacts, candidates), deflection."""
     deviation_mm: Floats
     """(contacts, candidates), standard deviation of a sample of it."""
     noise: Floats
-    """(contacts, sensors), with variance 1, from left to right; 0 if the force is open."""
+    """(contacts, sensors), with variance 1; 0 if the force is open."""
     weight: Floats
     """(contacts,), 1 on average."""
     at_once: int = 1
@@ -181,16 +207,16 @@ class PositionError:
     def error_mm(self, sensors: Indices) -> float:
         """Return the mean error of sensors (sensors,), ascending, whatever else they notice."""
         parts = range(0, len(self.weight), AT_ONCE)
-        each = [self._distances_mm(sensors, slice(first, first + AT_ONCE)) for first in parts]
-        return float(np.concatenate(each) @ self.weight) / len(self.weight)
+        distances = [self._distances_mm(sensors, slice(first, first + AT_ONCE)) for first in parts]
+        return float(np.concatenate(distances) @ self.weight) / len(self.weight)
 
     def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
         """Return the mean distances from the posterior medians of a part of the contacts."""
         sample = self.clean_mm[part, sensors] + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
-        root = 1 / np.sqrt(self.errors.variance_mm2(sample))
+        root = 1 / self.sampling.errors.deviation_mm(sample)
         whitening, shapes = root[:, :, None] * np.eye(len(sensors)), self.shapes[None, :, sensors]
-        moved = None if self.uncertain is None else self.uncertain[None, :, sensors]
-        density = log_density(forces_of(self.force_n, 0.0), whitening, root * sample, shapes, moved, NEGLIGIBLE)
+        variance = None if self.variance is None else self.variance[None, :, sensors]
+        density = log_density(forces_of(self.force_n, 0.0), whitening, root * sample, shapes, variance, NEGLIGIBLE)
         return mean_distances(self.edges_mm, density)
 
 
@@ -198,7 +224,7 @@ def position_error_of(
     influence: InfluenceFunction,
     rules: LayoutRules,
     equal: Indices,
-    errors: SampleErrors,
+    sampling: Sampling,
     seed: int,
     *,
     spare: int = 0,
@@ -210,53 +236,67 @@ def position_error_of(
     `equal` (sensors,) is the allowed layout nearest to equal pitch. A layout without a spare notices other loads as
     well as `reference` (sensors,); None: it need not notice any.
     """
-    prior = Prior.real(influence, rules.position_mm[equal], errors)
+    errors = sampling.errors
+    prior = Prior.of(influence, rules.place_mm[equal], errors)
     usual = KNOWN_FORCE_CONTACTS if prior.force_is_known else OPEN_FORCE_CONTACTS
     contacts = 1 << (effort.of(usual, LEAST) - 1).bit_length()
-    fewest, most = (effort.of(number, LEAST) for number in CELLS)
     drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
     drawn, weight = concentrate_on_errors(prior, drawn)
-    cells = int(np.clip(np.ptp(prior.position_mm) / cramer_rao_error_mm(prior), fewest, most))
-    edges = concentrate_on_errors(prior, np.linspace(*prior.position_mm, cells + 1))[0]
-    middles = (edges[1:] + edges[:-1]) / 2
-    clean = influence.at(rules.position_mm, drawn) * force[:, None]
-    uncertain: Floats | None = None
-    moved: Floats | float = 0.0
+    fewest, most = (effort.of(number, LEAST) for number in CELLS)
+    cells = float(np.linalg.norm(prior.extent.size_mm)) / cramer_rao_error_mm(prior)
+    edges = concentrated_ticks(prior, int(np.clip(cells, fewest, most)))
+    middles = grid_of([(ticks[1:] + ticks[:-1]) / 2 for ticks in edges])
+    clean = influence.at(rules.place_mm, drawn) * force[:, None]
+    variance: Floats | None = None
+    mounting: Floats | float = 0.0
     if errors.mounting_mm:
-        uncertain = influence.deviation(rules.position_mm, middles, errors.mounting_mm)
-        moved = influence.deviation(rules.position_mm, drawn, errors.mounting_mm) * force[:, None]
-    others = other_loads(influence, rules, errors)
+        variance = influence.variance(rules.place_mm, middles, errors.mounting_mm)
+        mounting = influence.variance(rules.place_mm, drawn, errors.mounting_mm) * force[:, None] ** 2
+    others = other_loads(influence, rules, sampling)
     return PositionError(
         rules,
         influence.force_n,
-        errors,
+        sampling,
         spare,
         others,
         np.array(-np.inf) if reference is None else others.noticed(reference) - SLACK,
         edges,
-        influence.at(rules.position_mm, middles),
-        uncertain,
+        influence.at(rules.place_mm, middles),
+        variance,
         clean,
-        np.sqrt(errors.variance_mm2(clean, moved)),
+        errors.deviation_mm(clean, mounting),
         noise if prior.force_is_known else np.zeros_like(noise),
         weight / weight.mean(),
     )
 
 
-def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:
+def mean_distances(edges_mm: list[Floats], log_density: Floats) -> Floats:
     """Return the mean distance from the median in mm (contacts,) of densities that are constant within each cell.
+
+    Of two axes, it is the root of the squares of the mean distances along each.
 
     Parameters
     ----------
-    edges_mm : (cells + 1,)
+    edges_mm : (axes,), edges of the cells along each axis
     log_density : (contacts, cells), each row up to a constant
     """
-    width = np.diff(edges_mm)
+    widths = [np.diff(edges) for edges in edges_mm]
     # In place: fresh memory for each step takes longer than the step.
-    work = log_density - log_density.max(axis=1, keepdims=True)
-    np.exp(np.maximum(work, MIN_LOG, out=work), out=work)
-    work *= width
-    below = np.cumsum(work, axis=1, out=work)
+    mass = log_density - log_density.max(axis=1, keepdims=True)
+    np.exp(np.maximum(mass, MIN_LOG, out=mass), out=mass)
+    mass *= grid_of(widths).prod(axis=1)
+    if len(widths) == 1:
+        return _mean_distances(widths[0], mass)
+    masses, axes = mass.reshape(len(mass), *map(len, widths)), range(1, len(widths) + 1)
+    along = [masses.sum(axis=tuple(other for other in axes if other != axis)) for axis in axes]
+    distances = [_mean_distances(width, marginal) for width, marginal in zip(widths, along, strict=True)]
+    both: Floats = np.hypot.reduce(distances)
+    return both
+
+
+def _mean_distances(width: Floats, mass: Floats) -> Floats:
+    """Return the same of one axis, from the widths (cells,) and the masses (contacts, cells), which it overwrites."""
+    below = np.cumsum(mass, axis=1, out=mass)
     below /= below[:, -1:]
     median = (below >= 0.5).argmax(axis=1)
     rows = np.arange(len(below))
@@ -265,5 +305,5 @@ def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:
     ends = np.minimum(below, 1 - below, out=below)
     trapezoids: Floats = ends @ (width + np.append(width[1:], 0.0)) / 2
     missing = (0.5 - before) * (after - 0.5) / np.maximum(after - before, TINY)
-    found: Floats = trapezoids + width[median] * missing
-    return found
+    distances: Floats = trapezoids + width[median] * missing
+    return distances

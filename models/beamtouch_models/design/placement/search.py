@@ -1,8 +1,8 @@
 """The searches for a layout: exchange by steps, and the paper's. Each takes any objective.
 
-The exchange moves one sensor or two by a step, takes a gain where it finds one, and halves the step when no move gains.
-Steps do not lead over a support, beside which no sensor sees much; so at the end it tries each sensor at places all
-along the beam, and goes on from a gain.
+The exchange moves one sensor or two by a step along an axis, takes a gain where it finds one, and halves the step when
+no move gains. Steps do not lead over a support, beside which no sensor sees much; so at the end it tries each sensor at
+places all over the structure, and goes on from a gain.
 The paper's search clones the best layout, varies the clones, keeps the best, and varies less when nothing gains. Its
 scores are logarithms here. Two additions make it reach the optimum from every seed: it begins from several layouts, and
 some clones move one or two sensors instead of all.
@@ -20,12 +20,13 @@ from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.sweeps import Fraction, silent
 from beamtouch_models.names import SearchName
+from beamtouch_models.places import along_axis
 
 MAX_EVALUATIONS = 2_000
 """Usual number of layouts, times `Objective.at_once`, after which an exchange tries no smaller step: it bounds the time
 of many sensors."""
 JUMPS = 24
-"""Places along the beam at which each sensor is tried once no step gains."""
+"""Places over the structure at which each sensor is tried once no step gains, about."""
 MAX_PAIRS_OF = 8
 """Number of sensors up to which any two move at once; of more, only neighbours."""
 POPULATION = 36
@@ -110,14 +111,14 @@ def first_best(runs: Sequence[SearchRun]) -> SearchRun:
 def exchange(objective: Objective, run: SearchRun, most: int) -> SearchRun:
     """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does.
 
-    At the end each sensor is tried along the whole beam; the steps begin anew from the largest gain. After `most`
+    At the end each sensor is tried all over the structure; the steps begin anew from the largest gain. After `most`
     layouts it tries no smaller step.
     """
     run, count = _by_steps(objective, run, most), len(run.layout)
-    places = np.linspace(0, len(objective.rules.position_mm) - 1, JUMPS).round().astype(np.intp)
+    places = objective.rules.evenly(JUMPS)
     while run.evaluations < most:
-        trials = np.repeat(run.layout[None, :], JUMPS * count, axis=0)
-        trials[np.arange(len(trials)), np.repeat(np.arange(count), JUMPS)] = np.tile(places, count)
+        trials = np.repeat(run.layout[None, :], len(places) * count, axis=0)
+        trials[np.arange(len(trials)), np.repeat(np.arange(count), len(places))] = np.tile(places, count)
         trials = np.sort(trials, axis=1)
         best, best_score = run.layout, run.score
         for first in range(0, len(trials), objective.at_once):
@@ -135,15 +136,15 @@ def exchange(objective: Objective, run: SearchRun, most: int) -> SearchRun:
 
 def _by_steps(objective: Objective, run: SearchRun, most: int) -> SearchRun:
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
-    candidates, group = len(objective.rules.position_mm), objective.at_once
-    step, moves = max(1, candidates // (4 * len(run.layout))), _moves(len(run.layout))
+    rules, group, sensors = objective.rules, objective.at_once, len(run.layout)
+    step, moves = max(1, rules.steps_across // (4 * along_axis(sensors, rules.axes))), _moves(sensors, rules.axes)
     while step and evaluations < most:
         before = len(scores)
         for first in range(0, len(moves), group):
             tried = moves[first : first + group]
             while len(tried):
-                trials = np.sort(layouts[-1] + step * tried, axis=1)
-                inside = (trials[:, 0] >= 0) & (trials[:, -1] < candidates)
+                trials = np.sort(rules.moved(layouts[-1], step * tried), axis=1)
+                inside = trials[:, 0] >= 0
                 trials, tried = trials[inside], tried[inside]
                 values = objective.scores(trials, scores[-1])
                 evaluations += len(trials)
@@ -161,9 +162,10 @@ def _by_steps(objective: Objective, run: SearchRun, most: int) -> SearchRun:
 def paper_search(objective: Objective, run: SearchRun, rng: np.random.Generator) -> SearchRun:
     """Run the paper's search; `rng` draws the variations."""
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
-    increment, idle = len(objective.rules.position_mm) / (2 * len(run.layout)), 0
+    rules = objective.rules
+    increment, idle = rules.steps_across / (2 * along_axis(len(run.layout), rules.axes)), 0
     while len(scores) < MAX_GENERATIONS and idle < PATIENCE:
-        clones = _varied(layouts[-1], objective.rules, increment, rng)
+        clones = _varied(layouts[-1], rules, increment, rng)
         values = objective.scores(clones, scores[-1])
         evaluations += len(clones)
         winner = int(values.argmax())
@@ -183,12 +185,18 @@ def _gains(score: float, before: float) -> bool:
     return score > before + GAIN * abs(before)
 
 
-def _moves(count: int) -> Indices:
-    """Return the moves (moves, sensors) of one sensor and of two, by one step to either side."""
-    unit = np.eye(count, dtype=np.intp)
-    pairs = combinations(unit, 2) if count <= MAX_PAIRS_OF else pairwise(unit)
-    both = [a * one + b * other for one, other in pairs for a in (-1, 1) for b in (-1, 1)]
-    return np.array([*(sign * one for one in unit for sign in (-1, 1)), *both])
+def _moves(count: int, axes: int) -> Indices:
+    """Return the moves (moves, sensors, axes) of one sensor and of two, by one step to either side along an axis."""
+    steps = [np.eye(axes, dtype=np.intp)[axis] * sign for axis in range(axes) for sign in (-1, 1)]
+    alone = [[_move(count, {sensor: step}) for step in steps] for sensor in range(count)]
+    pairs = combinations(range(count), 2) if count <= MAX_PAIRS_OF else pairwise(range(count))
+    both = [_move(count, {one: first, other: second}) for one, other in pairs for first in steps for second in steps]
+    return np.array([*(move for moves in alone for move in moves), *both])
+
+
+def _move(count: int, steps: dict[int, Indices]) -> Indices:
+    """Return the move (sensors, axes) of the sensors that take steps."""
+    return np.array([steps.get(sensor, np.zeros_like(next(iter(steps.values())))) for sensor in range(count)])
 
 
 def _varied(best: Indices, rules: LayoutRules, increment: float, rng: np.random.Generator) -> Indices:
@@ -198,11 +206,11 @@ def _varied(best: Indices, rules: LayoutRules, increment: float, rng: np.random.
     clones = np.repeat(best[None, :], population, axis=0)
     if not len(free):
         return clones
-    change = np.rint(rng.normal(scale=increment, size=(population, len(free)))).astype(np.intp)
+    change = np.rint(rng.normal(scale=increment, size=(population, len(free), rules.axes))).astype(np.intp)
     # A sensor that is to move takes at least one step: a clone equal to its parent is wasted.
     change[change == 0] = rng.choice([-1, 1], size=int((change == 0).sum()))
     order = rng.permuted(np.tile(np.arange(len(free)), (population, 1)), axis=1)
     moving = np.resize([len(free), 1, min(2, len(free))], population)
     change[order >= moving[:, None]] = 0
-    clones[:, free] = np.clip(clones[:, free] + change, 0, len(rules.position_mm) - 1)
+    clones[:, free] = rules.pushed(best[free], change)
     return np.sort(clones, axis=1)

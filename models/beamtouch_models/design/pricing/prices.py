@@ -23,6 +23,7 @@ from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters.walk import OWN
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.metadata import FilterChoice
 
 Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
@@ -252,8 +253,8 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
     scene, tolerance_mm = pricing.scene, pricing.scene.sensors.mounting_tolerance_mm
     if tolerance_mm == 0:
         return Effect("mounting tolerance", 0.0, "out", "the scene states none")
-    moved = influence_of(scene).deviation(pricing.sensor_mm, pricing.load_mm, tolerance_mm)
-    price = pricing.in_noise(scene.contact.force_range_n[1] * moved)
+    variance = influence_of(scene).variance(on_axis(pricing.sensor_mm), on_axis(pricing.load_mm), tolerance_mm)
+    price = pricing.in_noise(scene.contact.force_range_n[1] * np.sqrt(variance))
     reason = f"+- {tolerance_mm:g} mm along the beam; `calibrate` finds the true positions"
     verdict: Verdict = "out" if price < NEGLIGIBLE else "floor"
     return Effect("mounting tolerance", price, verdict, reason, leave_out=without_tolerance)

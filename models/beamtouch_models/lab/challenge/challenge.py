@@ -31,7 +31,7 @@ from beamtouch_models.lab.challenge.faults import error_cases, fault_cases
 from beamtouch_models.lab.challenge.judge import Outcome, Verdicts, judge
 from beamtouch_models.lab.challenge.play import Case, DrawnContacts, SimulatedSurface
 from beamtouch_models.runtime.curve import Curve
-from beamtouch_models.runtime.error_model import variance_mm2
+from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
 
 MISLEADING = 0.005
@@ -256,8 +256,9 @@ def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floa
     departures, floor = surface.world.departures, surface.metadata.floor
     places = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
     # The deflections that the model expects of contacts, without offsets and the curvature of a calibration.
-    curve = Curve(places, surface.world.influence(places) * np.array(departures.gain))
-    weight = np.where(valid, 1 / variance_mm2(fault_mm, surface.min_noise_mm, floor.gain, floor.zero_mm), 0.0)
+    curve = Curve((places,), surface.world.influence(places) * np.array(departures.gain))
+    errors = Errors(surface.min_noise_mm, np.array(floor.gain), np.array(floor.zero_mm))
+    weight = np.where(valid, 1 / errors.variance_mm2(fault_mm), 0.0)
     return np.sqrt(curve.unexplained(np.where(valid, departures.linear_mm(fault_mm), 0.0), weight))
 
 

@@ -8,8 +8,8 @@ networks also learn from noisy deflections, which shows what the training leaves
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy import limit
-from beamtouch_models.design.accuracy.limit import Draws
+from beamtouch_models.design.accuracy.drawing import Draws, draw
+from beamtouch_models.design.accuracy.limit import accuracy_limit
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.charts import Chart, Series
 from beamtouch_models.design.estimators.paper_network import MAX_EPOCHS, PaperNetwork, train
@@ -27,6 +27,8 @@ from beamtouch_models.lab.reproduction.paper import (
     equal_pitch_mm,
     rounded,
 )
+from beamtouch_models.places import on_axis
+from beamtouch_models.runtime.error_model import Errors
 
 COUNTS = (2, 3, 4, 5)
 KINDS = ("equal", "optimised")
@@ -80,7 +82,7 @@ def measure(
     as_in_paper, with_noise = trained[: len(clean)], trained[len(clean) :]
     errors, noise_trained, limits = [], [], []
     for index, positions_mm in enumerate(layouts.values()):
-        drawn = limit.draw(Prior.of(influence, positions_mm, 0.0), DRAWS, seed)
+        drawn = draw(Prior.of(influence, on_axis(positions_mm), Errors(0.0)), DRAWS, seed)
         noise_mm = np.random.default_rng([seed, len(positions_mm)]).normal(size=drawn.deflection_mm.shape) * UNIT_MM
         own = slice(index * networks, (index + 1) * networks)
         every = [
@@ -88,7 +90,8 @@ def measure(
         ]
         errors.append(every)
         noise_trained.append(np.mean([_error_percent(one, drawn, rig_percent * noise_mm) for one in with_noise[own]]))
-        limits.append(limit.accuracy_limit(Prior.of(influence, positions_mm, rig_percent * UNIT_MM), LIMIT_DRAWS, seed))
+        prior = Prior.of(influence, on_axis(positions_mm), Errors(rig_percent * UNIT_MM))
+        limits.append(accuracy_limit(prior, LIMIT_DRAWS, seed))
     error_percent = np.mean(errors, axis=1)
     return {
         "layouts": list(layouts),

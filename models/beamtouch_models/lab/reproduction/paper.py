@@ -46,7 +46,7 @@ MAX_DEFLECTION = 1 / 48
 
 def equal_pitch_mm(count: int) -> Floats:
     """Return the positions of sensors that divide the beam into equal parts; (count,) in mm."""
-    return layout_rules.equal_pitch_mm(LENGTH_MM, count)
+    return layout_rules.equal_pitch_mm(np.array([LENGTH_MM]), count)[:, 0]
 
 
 def dimensionless(sensor_mm: ArrayLike) -> Floats:

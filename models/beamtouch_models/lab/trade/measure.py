@@ -153,7 +153,7 @@ def measure(task: Task) -> MeasuredModel | Failure:
         layout.placement.positions_mm,
         surface.noise.reading_mm,
         surface.filter,
-        prior.length_mm,
+        prior.diagonal_mm,
         reached,
         tuple(answers_of_means(prior, run, surface, layout.world, reached.error_mm, seed + 2, task.effort)),
         graph,
@@ -168,7 +168,7 @@ def follow(model: MeasuredModel) -> list[AnswerAtTime]:
     moments = []
     for answer in answers_since_touch(model.answers, prior, run, layout.surface, layout.world, seed, task.effort):
         noise_mm = model.reading_mm / math.sqrt(answer.readings)
-        limit = accuracy_limit(replace(prior, noise_mm=noise_mm), task.draws, seed)
+        limit = accuracy_limit(prior.at_noise(noise_mm), task.draws, seed)
         limit_mm = limit.scaled(model.length_mm / 100)
         moments.append(AnswerAtTime(answer, limit_mm))
     return moments

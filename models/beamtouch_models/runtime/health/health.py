@@ -128,12 +128,12 @@ class Health:
         linear = self._curve.departures.straighten(measured - rest)
         floor = floor_mm2(linear, self._floor, self._zero_mm)
         variance = deviation**2 + unseen**2 + SCATTER**2 * floor
-        position, force = _place(self._curve, linear / (1 + gains), 1 / (variance + floor))
+        place, force = _place(self._curve, linear / (1 + gains), 1 / (variance + floor))
         from_rest = measured - rest + offset_mm
-        residuals = Residuals.of(self._curve, position, force, from_rest, np.sqrt(variance))
+        residuals = Residuals.of(self._curve, place, force, from_rest, np.sqrt(variance))
         whitening = residuals.whitening(UNKNOWN)
         # A gain moves its channel as the force moves all.
-        shape = whitening * residuals.moved_mm[1][:, None]
+        shape = whitening * residuals.moved_mm[-1][:, None]
         return shape, (whitening @ residuals.left_mm[..., None])[..., 0]
 
     def _rest(self, sample: BestSample) -> tuple[Floats, Floats]:
@@ -198,7 +198,7 @@ class Health:
 
 
 def _place(curve: InfluenceCurve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """Return position and force of contacts (contacts,), by weights (contacts, channels).
+    """Return places (contacts, axes) and forces (contacts,) of contacts, by weights (contacts, channels).
 
     The equations are linear about them. A channel whose gain is far off would move them too far for that, so they are
     found without it.
@@ -206,9 +206,12 @@ def _place(curve: InfluenceCurve, linear_mm: Floats, weight: Floats) -> tuple[Fl
     channels = weight.shape[1]
     # Without one of three channels every contact fits.
     without = [weight * (np.arange(channels) != channel) for channel in range(channels if channels > 3 else 0)]
-    each = [(*curve.best_contacts(linear_mm, one), one) for one in (weight, *without)]
-    left = [(linear_mm - force[:, None] * curve.at(position)[0], one) for position, force, one in each]
-    misfit = np.array([(one * left_mm**2).sum(axis=1) for left_mm, one in left])
+    weights = np.array([weight, *without])
+    places, forces = (
+        np.array(fits) for fits in zip(*(curve.best_contacts(linear_mm, some) for some in weights), strict=True)
+    )
+    predicted = np.array([force[:, None] * curve.at(place)[0] for place, force in zip(places, forces, strict=True)])
+    misfit = (weights * (linear_mm - predicted) ** 2).sum(axis=2)
     misfit[0] -= WRONG
     best = misfit.argmin(axis=0), np.arange(len(linear_mm))
-    return np.array([position for position, _, _ in each])[best], np.array([force for _, force, _ in each])[best]
+    return places[best], forces[best]

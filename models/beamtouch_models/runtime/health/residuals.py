@@ -1,10 +1,10 @@
 """The residual equation of a load: what its place and its force leave unexplained of the deflections. Numpy only, pure.
 
 A load of force F at x deflects the sensors by z = measure(F G(x)). If its place and force are off by dx and dF, the
-deflections move along F G'(x) and F G(x). Errors of known size along these two count as noise. A place or a force that
-is not known takes its direction out altogether: only what is left across it says anything of the surface (variable
-projection: Golub & Pereyra 1973, doi 10.1137/0710036). Known loads, unlabelled contacts, loads that may be mistyped and
-the health of the sensors are judged by this one equation.
+deflections move along F G'(x), one direction an axis, and F G(x). Errors of known size along these count as noise. A
+place or a force that is not known takes its directions out altogether: only what is left across them says anything of
+the surface (variable projection: Golub & Pereyra 1973, doi 10.1137/0710036). Known loads, unlabelled contacts, loads
+that may be mistyped and the health of the sensors are judged by this one equation.
 """
 
 from dataclasses import astuple, dataclass
@@ -23,11 +23,15 @@ class LoadErrors:
     """Standard deviations of what loads are off by; infinite for what is not known."""
 
     placing_mm: float
-    """Of a load's position about the stated one."""
+    """Of a load's place about the stated one, along each axis."""
     force: float
     """Of the force of a load, relative to the stated one."""
     residual_mm: float = 0.0
     """Of each deflection, beyond its noise."""
+
+    def along(self, moved_mm: Floats) -> Floats:
+        """Return the errors along each direction of `moved_mm` (axes + 1, ...): that of the place for each axis."""
+        return np.array([*[self.placing_mm] * (len(moved_mm) - 1), self.force])
 
     def at_least(self, other: "LoadErrors") -> "LoadErrors":
         """Return the larger of each pair."""
@@ -47,18 +51,22 @@ class Residuals:
     noise_mm: Floats
     """(loads, channels) standard deviation of the measurement."""
     moved_mm: Floats
-    """(2, loads, channels) by 1 mm of a load's position, and by its whole force; 0 without a measurement."""
+    """(axes + 1, loads, channels) by 1 mm of a load's place along each axis, and by its whole force; 0 without a
+    measurement."""
     is_measured: Bools
     """(loads, channels)"""
 
     @classmethod
     def of(
-        cls, curve: InfluenceCurve, position_mm: Floats, force_n: Floats, measured_mm: Floats, noise_mm: Floats
+        cls, curve: InfluenceCurve, place_mm: Floats, force_n: Floats, measured_mm: Floats, noise_mm: Floats
     ) -> Self:
-        """Return those of loads (loads,) with deflections (loads, channels), which are NaN without a measurement."""
+        """Return those of loads at places (loads, axes) with deflections (loads, channels).
+
+        Deflections are NaN without a measurement.
+        """
         there = np.isfinite(measured_mm)
-        left_mm = np.where(there, measured_mm - curve.measured_mm(position_mm, force_n), 0.0)
-        return cls(left_mm, noise_mm, curve.moved_mm(position_mm, force_n) * there, there)
+        left_mm = np.where(there, measured_mm - curve.measured_mm(place_mm, force_n), 0.0)
+        return cls(left_mm, noise_mm, curve.moved_mm(place_mm, force_n) * there, there)
 
     def covariance_mm2(self, errors: LoadErrors) -> Floats:
         """Return the covariance (loads, channels, channels), without what is not known.
@@ -66,7 +74,7 @@ class Residuals:
         A channel without a measurement has variance 1.
         """
         variance = np.where(self.is_measured, self.noise_mm**2 + errors.residual_mm**2, 1.0)
-        sizes = np.array([errors.placing_mm, errors.force])
+        sizes = errors.along(self.moved_mm)
         moved = self.moved_mm * np.where(np.isfinite(sizes), sizes, 0.0)[:, None, None]
         covariance: Floats = variance[..., None] * np.eye(variance.shape[1])
         covariance += np.einsum("klc,kld->lcd", moved, moved)
@@ -78,7 +86,7 @@ class Residuals:
         Directions that are not known are projected out: W is 0 along them.
         """
         whitening = np.linalg.inv(np.linalg.cholesky(self.covariance_mm2(errors)))
-        unknown = ~np.isfinite([errors.placing_mm, errors.force])
+        unknown = ~np.isfinite(errors.along(self.moved_mm))
         if not unknown.any():
             return whitening
         along = whitening @ np.moveaxis(self.moved_mm[unknown], 0, 2)

@@ -22,13 +22,14 @@ from beamtouch_models.design.building.report.beam_drawing import beam_drawing
 from beamtouch_models.design.charts import STYLE, Chart, Series, draw
 from beamtouch_models.design.placement.eigenvalue_product import principal_components
 from beamtouch_models.design.placement.layout_rules import equal_pitch_mm
-from beamtouch_models.design.placement.placing import DEFAULT_AIM, place, place_by_position_error, score_positions
+from beamtouch_models.design.placement.placing import DEFAULT_AIM, place, place_by_position_error, score_layout
 from beamtouch_models.design.pricing.prices import NEGLIGIBLE
 from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import three_digits
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.description import answers, nothing_seen, per_day, unseen
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
 
@@ -93,7 +94,7 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
     contacts = simulated(prior, draws, built.metadata.seed + SEED_SHIFT)
     weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
-    edges = np.linspace(*prior.position_mm, PROFILE_BINS + 1)
+    edges = np.linspace(*prior.extent.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
     def means(values: Floats) -> Floats:
@@ -115,10 +116,10 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
 def _layouts(built: Built) -> tuple[OtherLayout, ...]:
     """Compare the model's layout with others, all on the same contacts."""
     surface, placement, aim_taken = built.layout.surface, built.layout.placement, built.layout.aim
-    influence, rules, errors = surface.influence, surface.rules, surface.errors
+    influence, rules, sampling = surface.influence, surface.rules, surface.sampling
     taken, seed, found_by = built.layout.positions_mm, built.metadata.seed, aim_taken.criterion
     effort, aim = aim_taken.effort, replace(DEFAULT_AIM, effort=aim_taken.effort)
-    named = {"equal pitch": equal_pitch_mm(influence.length_mm, len(taken))}
+    named = {"equal pitch": equal_pitch_mm(influence.size_mm, len(taken))[:, 0]}
     # A layout that was kept, not searched, may be another one than its criterion finds now.
     searched = placement.evaluations > 0 and not aim_taken.spare
     # The rules may leave too few independent readings; only the product needs as many as there are sensors.
@@ -131,7 +132,7 @@ def _layouts(built: Built) -> tuple[OtherLayout, ...]:
     named["position error"] = (
         taken
         if searched and found_by == "position-error"
-        else np.array(place_by_position_error(influence, rules, len(taken), seed, errors, aim).positions_mm)
+        else np.array(place_by_position_error(influence, rules, len(taken), seed, sampling, aim).positions_mm)
     )
     if not any(np.allclose(taken, positions) for positions in named.values()):
         named["the model's"] = taken
@@ -139,9 +140,13 @@ def _layouts(built: Built) -> tuple[OtherLayout, ...]:
     limits = compare_limits(built.layout.prior, priors, effort.of(LAYOUT_DRAWS, LEAST_DRAWS), seed + SEED_SHIFT + 1)
     return tuple(
         OtherLayout(
-            name, positions, score_positions(influence, positions), one.limit, bool(np.allclose(taken, positions))
+            name,
+            positions,
+            score_layout(influence, on_axis(positions)),
+            compared.limit,
+            bool(np.allclose(taken, positions)),
         )
-        for (name, positions), one in zip(named.items(), limits, strict=True)
+        for (name, positions), compared in zip(named.items(), limits, strict=True)
     )
 
 
@@ -160,7 +165,7 @@ def page(facts: Facts) -> str:
     width_mm = facts.profile.width_mm
     third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
     drawing, caption = beam_drawing(facts.scene, facts.model.metadata)
-    components = principal_components(surface.influence.matrix(np.array(placement.positions_mm)))
+    components = principal_components(surface.influence.matrix(placement.place_mm))
     middle_force_n = sum(facts.scene.contact.force_range_n) / 2
     charts: dict[str, str] = {}
     for name, chart, remark in _charts(facts, components.transformed * middle_force_n):
@@ -207,7 +212,8 @@ def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]
     curve = Series("", seen.position_mm, forces)
     chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark))
-    load_mm, scaled = facts.built.layout.surface.influence.load_mm, components_mm / facts.model.metadata.noise.sample_mm
+    load_mm = facts.built.layout.surface.influence.load_mm[:, 0]
+    scaled = components_mm / facts.model.metadata.noise.sample_mm
     says = "Components over the position of the contact, in units of the noise of a sample"
     curves = [
         Series(f"component {k + 1}", load_mm.tolist(), column.tolist(), k)

@@ -99,32 +99,32 @@ def whitened(graph: Graph, largest_mm: float) -> Whitened:
     return Whitened(bounded, sample, whitening)
 
 
-def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncertain: str | None) -> Scored:
+def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, variance: str | None) -> Scored:
     """Return the misfit of the best force of each cell.
 
-    `influence` is (channels, N) or (batch, channels, N) in mm/N, and `uncertain` the square of its deviation.
+    `influence` is (channels, N) or (batch, channels, N) in mm/N, and `variance` that by the mounting.
     """
     sample, shape = seen.sample, graph.apply("MatMul", seen.whitening, influence)
-    if uncertain is None:
+    if variance is None:
         return Scored(sample, sample, shape, *_fitted(graph, sample, shape, largest_n), None)
     # The likeliest force says how much the mounting of the sensors adds to the variance of each channel.
     _, force, _ = _fitted(graph, sample, shape, largest_n)
-    wider = widening(graph, force, uncertain)
+    wider = widening(graph, force, variance)
     shape = graph.apply("Div", shape, wider)
-    each = graph.apply("Div", sample, wider)
-    found = _fitted(graph, each, shape, largest_n, own=True)
-    return Scored(sample, each, shape, *found, graph.apply("ReduceProd", wider, axes=[1], keepdims=1))
+    own = graph.apply("Div", sample, wider)
+    fitted = _fitted(graph, own, shape, largest_n, own=True)
+    return Scored(sample, own, shape, *fitted, graph.apply("ReduceProd", wider, axes=[1], keepdims=1))
 
 
-def widening(graph: Graph, force: str, uncertain: str) -> str:
+def widening(graph: Graph, force: str, variance: str) -> str:
     """Return the factors by which the mounting of the sensors widens the errors, (batch, channels, N).
 
-    Only the diagonal of its covariance is taken, as in `posterior.log_density`.
+    Only the diagonal of its covariance is taken, as in `likelihood.log_density`.
 
-    `force` is (batch, 1, N) or one number, and `uncertain` as that of `scored`.
+    `force` is (batch, 1, N) or one number, and `variance` as that of `scored`.
     """
     given = INPUTS[1]
-    moved = graph.apply("MatMul", graph.apply("Mul", given, given), uncertain)
+    moved = graph.apply("MatMul", graph.apply("Mul", given, given), variance)
     moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
     return graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
 

@@ -9,6 +9,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.onnx_graph import Graph, model
 from beamtouch_models.design.estimators.posterior.answers import Grid, lowest_of, scored, state_answers, whitened
+from beamtouch_models.places import on_axis
 
 FINE = 20_001
 """Positions from which the spacing of the cells is computed."""
@@ -36,8 +37,8 @@ class Cells:
     """(cells + 1,)"""
     influence: Floats
     """(cells, channels) mm/N, at the middles of the cells: half way in the change of the sample."""
-    uncertain: Floats | None
-    """(cells, channels) mm/N, deviation of the influence at the middles; None if the sensors' positions are exact."""
+    variance: Floats | None
+    """(cells, channels) (mm/N)^2, of the influence at the middles; None if the sensors' positions are exact."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +72,10 @@ def resolving_cells(prior: Prior) -> int | None:
 
 def influence_path_of(prior: Prior) -> InfluencePath:
     """Return the path of a prior's sample."""
-    fine = np.linspace(*prior.position_mm, FINE)
-    influence = prior.table(fine)
+    fine = np.linspace(*prior.extent.position_mm, FINE)
+    influence = prior.table(on_axis(fine))
     force = prior.force_n[1]
-    deviation = prior.deviation_in_table_mm(fine, force)
+    deviation = prior.deviation_in_table_mm(on_axis(fine), force)
     within = (deviation[1:] + deviation[:-1]) / 2
     shape = force * (influence[1:] + influence[:-1]) / 2 / within
     change = force * np.diff(influence, axis=0) / within
@@ -97,16 +98,16 @@ def cells_of(prior: Prior, count: int, path: InfluencePath | None = None) -> Cel
     marks = np.linspace(0, along[-1], 2 * count + 1)
     table = np.stack([np.interp(marks, along, column) for column in path.influence.T], axis=1)
     places = np.interp(marks, along, path.position_mm)
-    uncertain = None if prior.uncertainty is None else prior.uncertainty(places[1::2])
-    return Cells(places[::2], table[1::2], uncertain)
+    variance = None if prior.variance is None else prior.variance(on_axis(places[1::2]))
+    return Cells(places[::2], table[1::2], variance)
 
 
 def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.ModelProto:
     """Return the graph on `count` cells that are the same for every sample."""
     graph, cells, largest_n = Graph(), cells_of(prior, count), prior.force_n[1]
-    uncertain = None if cells.uncertain is None else graph.constant(cells.uncertain.T**2)
+    variance = None if cells.variance is None else graph.constant(cells.variance.T)
     seen = whitened(graph, prior.largest_mm)
-    found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), uncertain)
+    found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), variance)
     least, misfit = lowest_of(graph, found.misfit)
     # Rounding may put the bottom below 0.
     graph.apply("ReduceL1", misfit, axes=[1, 2], keepdims=0, output="misfit")

@@ -48,6 +48,7 @@ from beamtouch_models.design.estimators.posterior.cells import (
     influence_path_of,
     resolving_cells,
 )
+from beamtouch_models.places import on_axis
 
 SAGITTA = 0.01
 """Error of a straight line between two nodes that is aimed at, in deviations of the loudest contact.
@@ -84,8 +85,8 @@ class Table:
     """(nodes,)"""
     influence: Floats
     """(nodes, channels) mm/N"""
-    uncertain: Floats | None
-    """(nodes, channels) mm/N, deviation of the influence; None if the sensors' positions are exact."""
+    variance: Floats | None
+    """(nodes, channels) (mm/N)^2, of the influence; None if the sensors' positions are exact."""
     stretches: Floats
     """(stretches + 1,) ends of the range, and between them the places at which the beam is held, in nodes."""
 
@@ -100,16 +101,17 @@ def table_of(prior: Prior) -> Table:
     path = influence_path_of(prior)
     steps = FULL_TURN * np.sqrt(float(path.size.max()) / (8 * SAGITTA))
     position = cells_of(prior, int(np.clip(np.ceil(steps), *NODES)), path).edges_mm
-    uncertain = None if prior.uncertainty is None else prior.uncertainty(position)
+    places = on_axis(position)
+    variance = None if prior.variance is None else prior.variance(places)
     size = path.size[1:-1]
     is_held = (size <= path.size[:-2]) & (size < path.size[2:]) & (size < HELD * path.size.max())
     held = np.interp(path.position_mm[1:-1][is_held], position, np.arange(len(position)))
     stretches = np.concatenate([[0.0], held, [len(position) - 1.0]])
-    return Table(position, prior.influence_within_noise(position), uncertain, stretches)
+    return Table(position, prior.influence_within_noise(places), variance, stretches)
 
 
 Rows = tuple[str, str]
-"""Names of the influence, and of the squares of its deviation, at each node, and of their change to the next node."""
+"""Names of the influence, and of its variance, at each node, and of their change to the next node."""
 
 
 FirstStage = Callable[[Graph, Whitened], tuple[list[str], list[str]]]
@@ -121,13 +123,13 @@ def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force:
     """Return the ONNX graph of a prior, without metadata, whose windows lie around the nodes that `first` names."""
     graph = Graph()
     seen = whitened(graph, prior.largest_mm)
-    parts = [table.influence] if table.uncertain is None else [table.influence, table.uncertain**2]
+    parts = [table.influence] if table.variance is None else [table.influence, table.variance]
     every = np.concatenate(parts, axis=1)
     rows = graph.constant(every[:-1]), graph.constant(np.diff(every, axis=0))
     edges = _edges(graph, _windows(graph, prior, seen, first(graph, seen), table.steps, rows), table)
-    width, influence, uncertain = _cells(graph, prior, edges, table, rows)
-    found = scored(graph, seen, prior.force_n[1], influence, uncertain)
-    low, high = prior.position_mm
+    width, influence, variance = _cells(graph, prior, edges, table, rows)
+    found = scored(graph, seen, prior.force_n[1], influence, variance)
+    low, high = prior.extent.position_mm
     share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
     share = graph.apply("Max", share, graph.constant(MIN_MASS))
     least = graph.apply("ReduceMin", found.misfit, axes=[1, 2], keepdims=1)
@@ -144,8 +146,7 @@ def scan(prior: Prior, table: Table) -> FirstStage:
     """
     looked = np.unique(np.linspace(0, table.steps - 1, min(SCANNED, table.steps)).round().astype(int))
     middle = (table.influence[looked] + table.influence[looked + 1]) / 2
-    squares = None if table.uncertain is None else table.uncertain**2
-    uncertain = None if squares is None else (squares[looked] + squares[looked + 1]) / 2
+    ends = None if table.variance is None else (table.variance[looked], table.variance[looked + 1])
 
     def best_two(graph: Graph, unlikeliness: str) -> list[str]:
         height = graph.apply("Neg", unlikeliness)
@@ -156,7 +157,7 @@ def scan(prior: Prior, table: Table) -> FirstStage:
         return graph.split(nodes, 2, 1)
 
     def add(graph: Graph, seen: Whitened) -> tuple[list[str], list[str]]:
-        spread = None if uncertain is None else graph.constant(uncertain.T)
+        spread = None if ends is None else graph.constant(((ends[0] + ends[1]) / 2).T)
         found = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), spread)
         any_force = best_two(graph, _unlikeliness(graph, found, found.misfit))
         if not prior.force_is_known:
@@ -221,7 +222,7 @@ def _step(
         size = graph.apply("Add", along(shape, shape), graph.constant(TINY))
         return size, graph.apply("Max", graph.apply("Div", along(shape, sample), size), graph.constant(TINY))
 
-    if prior.uncertainty is not None:
+    if prior.variance is not None:
         ends = graph.ints(0, channels), graph.ints(1, 2 * channels), graph.ints(2, 1)
         force = best_force()[1] if known_n is None else graph.constant(known_n)
         wider = widening(graph, force, graph.apply("Slice", every, *ends))
@@ -262,7 +263,7 @@ def _edges(graph: Graph, windows: list[str], table: Table) -> str:
 def _cells(graph: Graph, prior: Prior, edges: str, table: Table, rows: Rows) -> tuple[str, str, str | None]:
     """Return the widths of the cells, (batch, 1, N) in mm, and the influence at their middles, (batch, channels, N).
 
-    The third is the square of the influence's deviation, if the sensors' positions are not exact.
+    The third is the variance of the influence, if the sensors' positions are not exact.
     """
     ends = {"first": (graph.ints(0), graph.ints(-1)), "last": (graph.ints(1), graph.ints(np.iinfo(np.int64).max))}
 
@@ -275,10 +276,10 @@ def _cells(graph: Graph, prior: Prior, edges: str, table: Table, rows: Rows) -> 
     width = graph.apply("Transpose", graph.apply("Sub", cut(at_edge, "last"), cut(at_edge, "first")), perm=[0, 2, 1])
     middle = graph.apply("Mul", graph.apply("Add", cut(edges, "last"), cut(edges, "first")), graph.constant(0.5))
     value = graph.apply("Transpose", _between(graph, middle, rows, table.steps), perm=[0, 2, 1])
-    if prior.uncertainty is None:
+    if prior.variance is None:
         return width, value, None
-    influence, uncertain = graph.split(value, 2, 1)
-    return width, influence, uncertain
+    influence, variance = graph.split(value, 2, 1)
+    return width, influence, variance
 
 
 def _between(graph: Graph, node: str, rows: Rows, steps: int) -> str:

@@ -1,0 +1,66 @@
+"""The Cramer-Rao bound: how well a place can be told near a contact, whatever the estimator.
+
+The covariance of unbiased estimates of a place is at least the inverse of the Fisher information. For a sample of mean
+F g(x) with independent Gaussian errors s per channel, with J the change of F g / s along each axis (channels, axes),
+the information is J'J if the force is known. If the force is open, only the part of J orthogonal to g/s counts: a
+change along g may as well come from the force. The errors are those of noise, gains, zeros and mounting. Their size
+depends on the contact; the bound ignores that. Kay, Fundamentals of Statistical Signal Processing: Estimation Theory,
+1993, sec. 3.7 and 3.8.
+"""
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.places import along_axis
+
+PARTS, FORCES = 1001, 32
+"""Points of the midpoint rule over the extent and over the range of forces."""
+
+
+def cramer_rao_deviation_mm(prior: Prior, place_mm: Floats, force_n: Floats) -> Floats:
+    """Return the Cramer-Rao bound on the deviation along each axis, (contacts, axes) in mm; may be infinite.
+
+    Places are (contacts, axes), forces (contacts,). It holds for unbiased estimates. Where it exceeds the range, as at
+    a support, an estimate that uses the range is better.
+    """
+    deviation = prior.deviation_in_table_mm(place_mm, force_n[:, None])
+    change, shape = prior.table.slope(place_mm) / deviation[..., None], prior.table(place_mm) / deviation
+    if not prior.force_is_known:
+        size = (shape**2).sum(axis=1)[:, None]
+        along = np.einsum("nca,nc->na", change, shape)
+        along = np.divide(along, size, out=np.zeros_like(along), where=size > 0)
+        change = change - shape[..., None] * along[:, None]
+    # What is left of an axis across all others is what its own direction says: the Schur complement of J'J.
+    bound = np.empty(place_mm.shape)
+    for axis in range(prior.extent.axes):
+        own, others = change[..., axis], np.delete(change, axis, axis=2)
+        if others.shape[2]:
+            own = own - (others @ np.linalg.pinv(others) @ own[..., None])[..., 0]
+        with np.errstate(divide="ignore"):
+            bound[:, axis] = 1 / (force_n * np.linalg.norm(own, axis=1))
+    return bound
+
+
+def cramer_rao_error_mm(prior: Prior) -> float:
+    """Return the mean |error| over the ranges of a Gaussian error with the bound's deviation, at most that of a guess.
+
+    It approaches the accuracy limit as the noise goes to zero. At high noise it is a rough value and not a bound.
+    """
+    return float(cramer_rao_errors_mm(prior).mean())
+
+
+def cramer_rao_errors_mm(prior: Prior) -> Floats:
+    """Return the same over the forces alone, in the middle of each part of the extent; (parts of each axis).
+
+    Of two axes, the mean |error| is that of the distance if either error were all of it: the root of their squares.
+    """
+    extent = prior.extent
+    places, (weak, strong) = extent.middles(PARTS), prior.force_n
+    forces = weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES if weak < strong else np.array([weak])
+    contacts = np.repeat(places, len(forces), axis=0), np.tile(forces, len(places))
+    gaussian = np.sqrt(2 / np.pi) * cramer_rao_deviation_mm(prior, *contacts)
+    guess = ((contacts[0] - extent.low_mm) ** 2 + (extent.high_mm - contacts[0]) ** 2) / (2 * extent.size_mm)
+    distances: Floats = np.hypot.reduce(np.minimum(gaussian, guess), axis=1)
+    parts = [along_axis(PARTS, extent.axes)] * extent.axes
+    return np.asarray(distances.reshape(*parts, len(forces)).mean(axis=-1))

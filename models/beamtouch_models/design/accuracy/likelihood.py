@@ -1,0 +1,117 @@
+"""The likelihood of places under any covariance of a sample, with the force integrated out exactly.
+
+For a given place the likelihood is Gaussian in the force, so its integral over an even piece of the prior of the force
+is a difference of normal distribution functions. That takes the errors of the gains from the sample, which holds as far
+as a scene may state them (`MAX_GAIN_PERCENT`). Places may have any number of axes: only the influence there counts.
+"""
+
+from functools import reduce
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy.prior import Forces, Piece
+
+NEGLIGIBLE = 40.0
+"""Difference to the largest log density beyond which a place is not part of a posterior."""
+
+
+def log_density(
+    forces: Forces,
+    whitening: Floats,
+    sample: Floats,
+    influence: Floats,
+    variance: Floats | None = None,
+    negligible: float = NEGLIGIBLE,
+) -> Floats:
+    """Return log densities (draws, grid) of places, up to a constant per draw, with the force integrated out.
+
+    Parameters
+    ----------
+    forces : the prior of the force
+    whitening, sample : (draws, channels, channels) in 1/mm, and whitened samples (draws, channels)
+    influence : (draws or 1, grid, channels) in mm/N at the places of a grid
+    variance : of the influence by the mounting of the sensors, in the same shape; None: their places are exact
+    negligible : difference to the largest log density beyond which it need not be exact
+    """
+    shapes, samples = np.matmul(whitening, influence.transpose(0, 2, 1)), sample[:, :, None]
+    if variance is None:
+        return _fitted(forces, shapes, samples, 0.0, negligible)
+    # The likeliest force at a place says how much the mounting adds to each channel's variance there. Of W D W',
+    # with the mounting's variances D, only the diagonal is taken: exact where the errors of channels are independent.
+    force = _likeliest(forces, shapes, samples)
+    moved = np.matmul(whitening**2, variance.transpose(0, 2, 1))
+    wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
+    return _fitted(forces, shapes / wider, samples / wider, np.log(wider).sum(axis=1), negligible)
+
+
+def _likeliest(forces: Forces, shapes: Floats, sample: Floats) -> Floats:
+    """Return the likeliest force at each position, (draws, grid)."""
+    square = np.einsum("dsg,dsg->dg", shapes, shapes)
+    likeliest = (shapes * sample).sum(axis=1) / np.where(square > 0, square, 1.0)
+    force: Floats = np.clip(likeliest, forces[0].low_n, forces[-1].high_n)
+    return force
+
+
+def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats | float, negligible: float) -> Floats:
+    """Return log densities (draws, grid) of shapes per newton and samples in their deviations.
+
+    Shapes are (draws, channels, grid), samples (draws, channels, grid or 1). `log_volume` (draws, grid) is that of the
+    product of their deviations.
+    """
+    size = np.sqrt(np.einsum("dsg,dsg->dg", shapes, shapes))
+    unit = shapes / np.where(size > 0, size, 1.0)[:, None]
+    projection = np.einsum("dsg,dsg->dg", unit, np.broadcast_to(sample, unit.shape))
+    # Compute the residual directly: with little noise a difference of squares would cancel.
+    residual = np.multiply(projection[:, None], unit, out=unit)
+    np.subtract(sample, residual, out=residual)
+    fit = np.einsum("dsg,dsg->dg", residual, residual) / -2 - log_volume
+    # Integrate over the force where the posterior is not negligible. The largest integrand bounds the integral.
+    nearest = np.clip(projection, forces[0].low_n * size, forces[-1].high_n * size)
+    density: Floats = fit - (projection - nearest) ** 2 / 2
+    rows, best = np.arange(len(density)), density.argmax(axis=1)
+    least = log_likelihood(forces, size[rows, best], projection[rows, best], fit[rows, best]) - negligible
+    likely = density >= least[:, None]
+    density[likely] = log_likelihood(forces, size[likely], projection[likely], fit[likely])
+    return density
+
+
+def log_likelihood(forces: Forces, size: Floats, projection: Floats, fit: Floats) -> Floats:
+    """Return the log likelihood of samples at grid positions, in units of the noise; (..., grid).
+
+    Parameters
+    ----------
+    forces : the prior of the force
+    size : (grid,) or in the shape of the others, length of the vector of deflections per newton
+    projection : (..., grid), of the sample on the direction of that vector
+    fit : (..., grid), minus half the squared residual
+
+    Terms that depend on neither the position nor the force are left out.
+    """
+    first, *others = (np.log(piece.share) + _log_mean(piece, size, projection) for piece in forces)
+    likelihood: Floats = fit + reduce(np.logaddexp, others, first)
+    return likelihood
+
+
+def _log_mean(piece: Piece, size: Floats, projection: Floats) -> Floats:
+    """Return the log of the mean over a piece of forces of exp(-(projection - force size)^2 / 2)."""
+    low, high = piece.low_n, piece.high_n
+    middle: Floats = -((projection - (low + high) / 2 * size) ** 2) / 2
+    if low == high:
+        return middle
+    # Where the force hardly matters, as next to a support, use the midpoint rule.
+    flat = size * (high - low) < 1e-4
+    length = np.where(flat, 1.0, size)
+    span = _log_normal_interval(low * length - projection, high * length - projection) - np.log(length)
+    mean: Floats = np.where(flat, middle, span + np.log(np.sqrt(2 * np.pi) / (high - low)))
+    return mean
+
+
+def _log_normal_interval(low: Floats, high: Floats) -> Floats:
+    """Return log(Phi(high) - Phi(low)) for low < high, without cancellation in either tail."""
+    flip = low + high > 0
+    upper, lower = np.where(flip, -low, high), np.where(flip, -high, low)
+    log_upper = log_ndtr(upper)
+    difference: Floats = log_upper + np.log(-np.expm1(np.minimum(log_ndtr(lower) - log_upper, -1e-300)))
+    return difference

@@ -1,0 +1,56 @@
+"""Values over the places of an extent: a grid of them, and cubic splines between its nodes."""
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline, NdBSpline, make_interp_spline
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.places import Extent, grid_of
+
+NODES = {1: 2001, 2: 64**2}
+"""Number of nodes, by the number of axes."""
+
+
+class PlaceTable:
+    """Values (places, columns) of a function of places, such as the influence on each channel.
+
+    The influence of a beam is off by at most 2e-6 of its largest value for any shipped scene, and by 3e-5 right at a
+    sensor under a beam with shear, which has a kink there.
+
+    >>> table = PlaceTable(Extent(((0, 4), (0, 2))), lambda place: place[:, :1] * place[:, 1:])
+    >>> table(np.array([[3, 1.5]])).round(9), table.slope(np.array([[3, 1.5]])).round(9)
+    (array([[4.5]]), array([[[1.5, 3. ]]]))
+    """
+
+    def __init__(self, extent: Extent, values_at: Callable[[Floats], Floats], least: float = -np.inf) -> None:
+        """Compute the values at the nodes; `values_at` takes places (places, axes), no value is below `least`."""
+        self._least = least
+        self._ticks = extent.ticks(NODES[extent.axes])
+        self.values: Floats = values_at(grid_of(self._ticks))
+        """(nodes, columns)"""
+
+    def __call__(self, place_mm: Floats) -> Floats:
+        """Return the values at places (..., axes), (..., columns)."""
+        values: Floats = self._line(place_mm[..., 0]) if len(self._ticks) == 1 else self._surface(place_mm)
+        return values if self._least == -np.inf else np.maximum(values, self._least)
+
+    def slope(self, place_mm: Floats) -> Floats:
+        """Return the change with each axis at places (places, axes), (places, columns, axes) per mm."""
+        if len(self._ticks) == 1:
+            return np.asarray(self._line(place_mm[:, 0], 1)[..., None])
+        return np.stack([self._surface(place_mm, nu=tuple(axis)) for axis in np.eye(len(self._ticks), dtype=int)], -1)
+
+    @cached_property
+    def _line(self) -> CubicSpline:  # of one axis; three times as fast as the same spline of any number of axes
+        return CubicSpline(self._ticks[0], self.values)
+
+    @cached_property
+    def _surface(self) -> NdBSpline:
+        knots, values = [], self.values.reshape(*map(len, self._ticks), -1)
+        for axis, ticks in enumerate(self._ticks):
+            spline = make_interp_spline(ticks, np.moveaxis(values, axis, 0))
+            knots.append(spline.t)
+            values = np.moveaxis(spline.c, 0, axis)
+        return NdBSpline(tuple(knots), values, 3)

@@ -1,0 +1,94 @@
+"""Places of a structure, and the extent of those that contacts may have. Numpy only, pure.
+
+A place is a point of the structure, one number an axis. Places are arrays (places, axes) in mm: a beam has one axis, a
+plate two.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+
+
+def on_axis(position_mm: Floats) -> Floats:
+    """Return the places (places, 1) of positions (places,) on a beam."""
+    return position_mm[:, None]
+
+
+def along_axis(count: int, axes: int) -> int:
+    """Return how many of `count` places stand side by side along each axis, about, and at least one."""
+    return max(1, round(float(count ** (1 / axes))))
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The places that contacts may have: a range of each axis.
+
+    >>> Extent(((10, 390), (0, 90))).grid(12).tolist()[:4]
+    [[10.0, 0.0], [10.0, 45.0], [10.0, 90.0], [200.0, 0.0]]
+    """
+
+    ranges_mm: tuple[tuple[float, float], ...]
+    """(axes,), lowest and highest of each axis."""
+
+    @classmethod
+    def of_beam(cls, position_mm: tuple[float, float]) -> Self:
+        """Return the extent of a range of positions."""
+        return cls((position_mm,))
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return len(self.ranges_mm)
+
+    @property
+    def position_mm(self) -> tuple[float, float]:
+        """The range of the only axis; ValueError if there are more."""
+        (only,) = self.ranges_mm
+        return only
+
+    @cached_property
+    def low_mm(self) -> Floats:
+        """(axes,), the lowest of each axis."""
+        return np.array([low for low, _ in self.ranges_mm], dtype=np.float64)
+
+    @cached_property
+    def high_mm(self) -> Floats:
+        """(axes,), the highest of each axis."""
+        return np.array([high for _, high in self.ranges_mm], dtype=np.float64)
+
+    @cached_property
+    def size_mm(self) -> Floats:
+        """(axes,), the lengths of the ranges."""
+        return self.high_mm - self.low_mm
+
+    def ticks(self, count: int) -> list[Floats]:
+        """Return the even steps of each axis whose grid has `count` places, about: the root of it on each of two."""
+        along = max(2, along_axis(count, self.axes))
+        return [np.linspace(*ends, along) for ends in self.ranges_mm]
+
+    def grid(self, count: int) -> Floats:
+        """Return about `count` places, evenly over the extent; (places, axes), those of the last axis side by side."""
+        return grid_of(self.ticks(count))
+
+    def middles(self, count: int) -> Floats:
+        """Return the middles of about `count` equal parts of the extent, (parts, axes)."""
+        along = along_axis(count, self.axes)
+        return self.at(grid_of([(np.arange(along) + 0.5) / along] * self.axes))
+
+    def uniform(self, count: int, rng: np.random.Generator) -> Floats:
+        """Draw places (count, axes)."""
+        return rng.uniform(self.low_mm, self.high_mm, size=(count, self.axes))
+
+    def at(self, share: Floats) -> Floats:
+        """Return the places (places, axes) at shares of each range, from 0 to 1."""
+        places: Floats = self.low_mm + self.size_mm * share
+        return places
+
+
+def grid_of(ticks: list[Floats]) -> Floats:
+    """Return all places (places, axes) whose coordinates are among those of each axis; the last axis varies first."""
+    return np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))
