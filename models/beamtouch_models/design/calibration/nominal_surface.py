@@ -116,14 +116,14 @@ class NominalSurface:
         """Return the vector that encodes departures."""
         values = {kind: _values(departures, kind) for kind in self._places}
         return np.concatenate(
-            [(np.log(one) if kind in FACTORS else one) / self._units[kind] for kind, one in values.items()]
+            [(np.log(entries) if kind in FACTORS else entries) / self._units[kind] for kind, entries in values.items()]
         )
 
     def standard_errors(self, vector: Floats, spread: Floats) -> dict[str, Floats]:
         """Return standard errors by kind, in the units of the departures, from those of the vector."""
-        near, at = self.departures(vector + STEP), self.departures(vector)
+        near, departures = self.departures(vector + STEP), self.departures(vector)
         return {
-            kind: np.abs(_values(near, kind) - _values(at, kind)) / STEP * spread[part]
+            kind: np.abs(_values(near, kind) - _values(departures, kind)) / STEP * spread[part]
             for kind, part in self.kinds.items()
         }
 
@@ -163,16 +163,16 @@ class NominalSurface:
 
         It is 0 for the entries of other kinds than `kinds`.
         """
-        at = self.curve(vector).measured_mm(position_mm, force_n)
-        slopes = np.zeros((*at.shape, self.size))
+        measured_mm = self.curve(vector).measured_mm(position_mm, force_n)
+        slopes = np.zeros((*measured_mm.shape, self.size))
         for kind in kinds:
             part = np.arange(self.size)[self.kinds[kind]]
             # One step of all channels together shows the slope of each, which spares solving the beam for each.
             for moved in [part] if kind in PER_CHANNEL else part[:, None]:
                 step = np.zeros(self.size)
                 step[moved] = np.where(vector[moved] > 1, -STEP, STEP)  # away from the bound of a fixity
-                slope = (self.curve(vector + step).measured_mm(position_mm, force_n) - at) / step[moved]
-                slopes[:, np.arange(at.shape[1]), moved] = slope
+                slope = (self.curve(vector + step).measured_mm(position_mm, force_n) - measured_mm) / step[moved]
+                slopes[:, np.arange(measured_mm.shape[1]), moved] = slope
         return slopes
 
     @property
