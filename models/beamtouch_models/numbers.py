@@ -12,16 +12,16 @@ from beamtouch_models.errors import SceneError
 
 def numbers(values: ArrayLike, name: str, *, least: float = -math.inf, most: float = math.inf) -> Floats:
     """Return numbers as an array (values,); SceneError unless they are finite and from `least` to `most`."""
-    found = np.atleast_1d(array_of(values, name))
-    if found.ndim != 1 or found.size == 0:
+    array = np.atleast_1d(array_of(values, name))
+    if array.ndim != 1 or array.size == 0:
         raise SceneError(f"{name}: must be one number, or a list of them that is not empty")
-    wrong = found[~(np.isfinite(found) & (found >= least) & (found <= most))]
+    wrong = array[~(np.isfinite(array) & (array >= least) & (array <= most))]
     if wrong.size:
         bounds = (
             f" from {least:g} to {most:g}" if most < math.inf else f", at least {least:g}" if least > -math.inf else ""
         )
         raise SceneError(f"{name}: must be finite{bounds} (given: {wrong[0]:g})")
-    return found
+    return array
 
 
 def array_of(values: ArrayLike, name: str) -> Floats:
@@ -37,10 +37,10 @@ def array_of(values: ArrayLike, name: str) -> Floats:
 
 def number(value: object, name: str) -> float:
     """Return a number; SceneError unless it is a single one, and finite."""
-    found = numbers(value, name)  # type: ignore[arg-type]  # it says what is wrong with others
-    if found.size != 1:
+    checked = numbers(value, name)  # type: ignore[arg-type]  # it says what is wrong with others
+    if checked.size != 1:
         raise SceneError(f"{name}: must be one number")
-    return float(found[0])
+    return float(checked[0])
 
 
 def places_in(values: ArrayLike, name: str, length_mm: float) -> Floats:
@@ -50,10 +50,10 @@ def places_in(values: ArrayLike, name: str, length_mm: float) -> Floats:
 
 def whole(value: object, name: str, least: int) -> int:
     """Return a whole number; SceneError unless it is one, and at least `least`."""
-    found = int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None
-    if found is None or found < least:
+    integer = int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None
+    if integer is None or integer < least:
         raise SceneError(f"{name} = {repr(value)[:40]}: give a whole number, {least} or more")
-    return found
+    return integer
 
 
 def three_digits(value: float) -> str:

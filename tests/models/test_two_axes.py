@@ -63,7 +63,7 @@ def test_places_that_are_no_even_grid_of_as_many_axes_as_the_length_are_refused(
     plate, scattered = influence_of(sunk_mm), np.random.default_rng(0).uniform(10, 290, (40, 2))
     assert (plate.diagonal_mm, plate.extent.ranges_mm) == (500.0, ((10.0, 390.0), (10.0, 290.0)))
     for load_mm in (scattered, grid_of(TICKS_MM)[::-1], np.linspace(10, 290, 20), grid_of([*TICKS_MM, TICKS_MM[0]])):
-        with pytest.raises(ValueError, match="^load_mm of an influence function must"):
+        with pytest.raises(ValueError, match=r"^load_mm of an influence function must"):
             replace(plate, load_mm=load_mm)
     with pytest.raises(ValueError, match=r"not nan for a sensor at 280, 210 and a load at 390, 290 mm$"):
         replace(plate, at=lambda sensor, load: np.where(load[:, :1] > 300, np.nan, sunk_mm(sensor, load)))

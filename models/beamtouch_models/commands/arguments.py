@@ -79,8 +79,8 @@ def _share(parser: argparse.ArgumentParser, *names: str) -> None:
     for name in names:
         if name == "--workers":
             either = parser.add_mutually_exclusive_group()
-            for one in ("--workers", "--cluster"):
-                either.add_argument(one, **_SHARED[one])
+            for option in ("--workers", "--cluster"):
+                either.add_argument(option, **_SHARED[option])
         else:
             parser.add_argument(name, **_SHARED[name])
 

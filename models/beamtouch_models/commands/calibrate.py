@@ -68,8 +68,8 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
         value, option = getattr(options, name), f"--{name.replace('_', '-')}"
         if not MIN_ERROR <= value <= MAX_ERROR:  # nobody can place or weigh loads so well or so badly
             raise InputError(f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}")
-    stated = LoadErrors(options.placing_mm, options.force_percent / 100)
-    loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=stated)
+    load_errors = LoadErrors(options.placing_mm, options.force_percent / 100)
+    loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=load_errors)
     with shown_progress() as progress:
         calibrated = calibrate(model, loads, progress, options.mounting_mm, Effort(options.effort))
     fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
@@ -125,8 +125,8 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
         )
     with shown_progress() as progress:
         calibrated = self_calibrate(model, contacts, progress, Effort(options.effort))
-    metadata, found = calibrated.metadata, calibrated.found
-    fit, remaining = found.fit, found.remaining
+    metadata, self_fit = calibrated.metadata, calibrated.found
+    fit, remaining = self_fit.fit, self_fit.remaining
     # Errors of gains without the common scale, which is the force's.
     errors = fit.nominal.standard_errors(fit.vector, np.sqrt(np.diag(remaining.relative)))
     words = _departures_in_words(metadata, fit.departures, errors)
@@ -135,16 +135,16 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
     force = metadata.calibration.force_error if metadata.calibration else 0.0
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items() if kind in KINDS},
-        "misfit": {"before": found.misfit_before, "after": found.misfit_after, "expected": expected},
+        "misfit": {"before": self_fit.misfit_before, "after": self_fit.misfit_after, "expected": expected},
         "changed_mm": remaining.shift_mm,
         "open_mm": open_mm,
         "single_contacts": single,
         "contacts_left_out": contacts.other_characteristic + contacts.older,
         "floor": metadata.floor.model_dump(),
     }
-    misfits = f"{digits(found.misfit_before, 3)} before, {digits(found.misfit_after, 3)} after"
+    misfits = f"{digits(self_fit.misfit_before, 3)} before, {digits(self_fit.misfit_after, 3)} after"
     change = f"changes by {digits(remaining.shift_mm, 3)} mm (root mean square)"
-    before, after = (_percent(one.floor.gain) for one in (model.metadata, metadata))
+    before, after = (_percent(floor.gain) for floor in (model.metadata.floor, metadata.floor))
     rows = [
         ("contacts", f"{len(contacts)}, of which about {len(contacts) - single:.0f} are not single contacts"),
         *((kind, words[kind]) for kind in KINDS),

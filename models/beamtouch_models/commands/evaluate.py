@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> Result:
             raise InputError(f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more")
         check_scale(noise_mm, model.metadata.max_deflection_mm)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
-        found = [
+        evaluations = [
             model.evaluate(
                 noise_mm=noise_mm,
                 draws=options.draws,
@@ -44,9 +44,11 @@ def run(options: argparse.Namespace) -> Result:
     fields = {
         "model": model.identity,
         "estimator": model.metadata.estimator,
-        "evaluations": [asdict(one) for one in found],
+        "evaluations": [asdict(evaluation) for evaluation in evaluations],
     }
-    return Result(fields, [block for one in found for block in (_table(model, one), list(_lines(one)))])
+    return Result(
+        fields, [block for evaluation in evaluations for block in (_table(model, evaluation), list(_lines(evaluation)))]
+    )
 
 
 def _table(model: ModelFile, found: Evaluation) -> Table:

@@ -50,7 +50,7 @@ def _check(answers: Answers, target: Path) -> str:
     try:
         text = scene_text(answers, surface_name(target))
     except ValidationError as error:
-        rollers = "".join(f" --roller-mm {at:g}" for at in answers.roller_mm)
+        rollers = "".join(f" --roller-mm {position_mm:g}" for position_mm in answers.roller_mm)
         reason = reason_of(error.errors()[0])
         raise SceneError(f"--left {answers.left} --right {answers.right}{rollers}: {reason}") from None
     resolve(parse_scene(text, str(target))).check()

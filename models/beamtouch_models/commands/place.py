@@ -31,10 +31,10 @@ def run(options: argparse.Namespace) -> Result:
     with shown_progress() as progress:
         layout = place_sensors(resolve(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress)
         progress("measuring the accuracy limit", 0.95)
-        found = _describe(layout, options.seed)
-    found["wall_s"] = time.perf_counter() - started
-    note(missed_error("accuracy limit", found["accuracy_limit_percent"], scene))
-    return Result(found, [_rows(found, layout)])
+        fields = _describe(layout, options.seed)
+    fields["wall_s"] = time.perf_counter() - started
+    note(missed_error("accuracy limit", fields["accuracy_limit_percent"], scene))
+    return Result(fields, [_rows(fields, layout)])
 
 
 def aim_of(options: argparse.Namespace) -> Aim:
@@ -66,8 +66,8 @@ def _describe(layout: Layout, seed: int) -> dict[str, Any]:
         "evaluations": placement.evaluations,
         "criterion": aim.criterion,
         "spare": aim.spare,
-        "limit_without_percent": [one.value for one in failed],
-        "limit_without_standard_error": [one.standard_error for one in failed],
+        "limit_without_percent": [limit_without.value for limit_without in failed],
+        "limit_without_standard_error": [limit_without.standard_error for limit_without in failed],
         "search": aim.search,
         "seed": seed,
         "components": aim.leading or len(placement.positions_mm),

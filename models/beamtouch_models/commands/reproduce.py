@@ -13,14 +13,14 @@ def run(options: argparse.Namespace) -> Result:
     """Compute everything, write the folder, and return the table."""
     folder = folder_of(options.output)
     with shown_progress() as progress:
-        found = reproduce(options.seed, progress)
-    files = found.files()
+        reproduction = reproduce(options.seed, progress)
+    files = reproduction.files()
     for name, text in files.items():
         write_atomically(folder / name, text.encode())
-    differing = [place for place, row in enumerate(found.rows) if row.verdict == "differs"]
-    table = Table(HEAD, [row.cells for row in found.rows], text=HEAD, bold=differing, ruled=True)
+    differing = [place for place, row in enumerate(reproduction.rows) if row.verdict == "differs"]
+    table = Table(HEAD, [row.cells for row in reproduction.rows], text=HEAD, bold=differing, ruled=True)
     return Result(
-        {"output": str(folder), "files": sorted(files), **found.results()},
-        [f"The paper: {TITLE}. {SOURCE}", table, f"{found.summary()} (seed {found.seed})"],
+        {"output": str(folder), "files": sorted(files), **reproduction.results()},
+        [f"The paper: {TITLE}. {SOURCE}", table, f"{reproduction.summary()} (seed {reproduction.seed})"],
         f"{len(files)} files in {folder}: plots, results.json, table.md",
     )

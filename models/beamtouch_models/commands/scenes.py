@@ -35,7 +35,7 @@ def refuse_existing(target: Path, *, force: bool) -> None:
 def shipped_scenes() -> dict[str, Path]:
     """Return the scene files by name: in the package if it is installed, beside it in a checkout."""
     package = Path(__file__).parents[1]
-    folder = next(one for one in (package / "scenes", package.parent / "scenes") if one.is_dir())
+    folder = next(candidate for candidate in (package / "scenes", package.parent / "scenes") if candidate.is_dir())
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> Result:
     if (options.latency_ms, options.error_mm) != (None, None):
         require_replaceable(folder / f"{name}.onnx", instead="name another folder")
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
-        found = trade(
+        measured_trade = trade(
             scene,
             options.estimators or ESTIMATORS,
             draws=options.draws,
@@ -44,17 +44,17 @@ def run(options: argparse.Namespace) -> Result:
             progress=progress,
             effort=effort,
         )
-    note(*map(str, found.failures))
-    rows, fields = blocks(found, str(options.scene), options.seed, f"{name}.onnx"), json_of(found)
+    note(*map(str, measured_trade.failures))
+    rows, fields = blocks(measured_trade, str(options.scene), options.seed, f"{name}.onnx"), json_of(measured_trade)
     title = f"Accuracy against speed: {name}"
     page = markdown(title, ["![error over sensors, time, noise and inference](trade.svg)", *rows])
     for file, content in (
         ("trade.json", json.dumps(fields, indent=1) + "\n"),
         ("trade.md", page),
-        ("trade.svg", picture(name, found)),
+        ("trade.svg", picture(name, measured_trade)),
     ):
         write_atomically(folder / file, content.encode())
-    picked, built = _pick(found, options), None
+    picked, built = _pick(measured_trade, options), None
     if picked is not None:
         path, model, estimator = folder / f"{name}.onnx", picked.model, picked.model.task.estimator
         aim, seed = replace(DEFAULT_AIM, effort=effort), options.seed
@@ -62,12 +62,12 @@ def run(options: argparse.Namespace) -> Result:
             layout = place_sensors(resolve(scene), count=model.sensors, seed=seed, aim=aim, progress=progress)
             made = build_model(layout, name, text=text, estimator=estimator, seed=seed, progress=progress)
         write_atomically(path, made.content)
-        built = {"index": found.points.index(picked), "model": str(path)}
+        built = {"index": measured_trade.points.index(picked), "model": str(path)}
         error, latency = digits(picked.error_mm.value, 3), digits(picked.latency_ms, 3)
         rows.append(f"built {path}: {estimator}, {model.sensors} sensors, {error} mm, {latency} ms")
     fields = {"scene": str(options.scene), "output": str(folder), "picked": built, **fields}
     return Result(
-        fields, rows, f"the picture and all {len(found.points)} points are in {folder}: trade.svg, trade.json"
+        fields, rows, f"the picture and all {len(measured_trade.points)} points are in {folder}: trade.svg, trade.json"
     )
 
 

@@ -119,10 +119,10 @@ class Axis:
 
     def px(self, value: float) -> float:
         """Pixel of a value."""
-        low, high, at = (
+        low, high, scaled = (
             (math.log10(v) for v in (self.low, self.high, value)) if self.log else (self.low, self.high, value)
         )
-        return self.start_px + (at - low) / (high - low) * (self.end_px - self.start_px)
+        return self.start_px + (scaled - low) / (high - low) * (self.end_px - self.start_px)
 
 
 def draw(chart: Chart) -> str:
@@ -211,17 +211,17 @@ def _grid(x: Axis, y: Axis, *, y_labels: bool = True) -> Iterable[str]:
     left, right, bottom, top = x.start_px, x.end_px, y.start_px, y.end_px
     free = -math.inf
     for tick in x.ticks:
-        at, text = x.px(tick), f"{tick:g}"
-        yield f'<line {stroke("faint", "grid")} x1="{at:.1f}" x2="{at:.1f}" y1="{bottom:g}" y2="{top:g}"/>'
+        tick_px, text = x.px(tick), f"{tick:g}"
+        yield f'<line {stroke("faint", "grid")} x1="{tick_px:.1f}" x2="{tick_px:.1f}" y1="{bottom:g}" y2="{top:g}"/>'
         half = max(TICK_ROOM, CHARACTER * (len(text) + 2)) / 2
-        if at - half >= free:
-            free = at + half
-            yield f'<text x="{at:.1f}" y="{bottom + 17:g}" text-anchor="middle">{text}</text>'
+        if tick_px - half >= free:
+            free = tick_px + half
+            yield f'<text x="{tick_px:.1f}" y="{bottom + 17:g}" text-anchor="middle">{text}</text>'
     for tick in y.ticks:
-        at = y.px(tick)
-        yield f'<line {stroke("faint", "grid")} x1="{left:g}" x2="{right:g}" y1="{at:.1f}" y2="{at:.1f}"/>'
+        tick_px = y.px(tick)
+        yield f'<line {stroke("faint", "grid")} x1="{left:g}" x2="{right:g}" y1="{tick_px:.1f}" y2="{tick_px:.1f}"/>'
         if y_labels:
-            yield f'<text x="{left - 6:g}" y="{at + 4:.1f}" text-anchor="end">{tick:g}</text>'
+            yield f'<text x="{left - 6:g}" y="{tick_px + 4:.1f}" text-anchor="end">{tick:g}</text>'
     size = f'width="{right - left:g}" height="{bottom - top:g}"'
     yield f'<rect {stroke("muted", "frame")} x="{left:g}" y="{top:g}" {size}/>'
 
@@ -229,7 +229,9 @@ def _grid(x: Axis, y: Axis, *, y_labels: bool = True) -> Iterable[str]:
 def _series(series: Series, x: Axis, y: Axis) -> str:
     # Measured within its standard error, what is little may come out as nothing or less.
     points = [(x.px(a), y.px(max(b, y.low) if y.log else b)) for a, b in zip(series.x, series.y, strict=True)]
-    bars = "".join(_bar(series, x.px(at), y, *bar) for at, bar in zip(series.x, _bars(series), strict=True) if bar[1])
+    bars = "".join(
+        _bar(series, x.px(value), y, *bar) for value, bar in zip(series.x, _bars(series), strict=True) if bar[1]
+    )
     if series.style == "ring":
         return "".join(_ring(*point) for point in points)
     if series.style == "points":
@@ -261,13 +263,13 @@ def _legend(series: Sequence[Series], width: float) -> tuple[list[str], int]:
     """Return the elements of the legend and its number of rows."""
     parts: list[str] = []
     row, offset = 0, 0.0
-    for one in series:
-        if not one.label:
+    for entry in series:
+        if not entry.label:
             continue
-        needed = 34 + len(one.label) * CHARACTER
+        needed = 34 + len(entry.label) * CHARACTER
         if offset and offset + needed > width - LEFT - RIGHT:
             row, offset = row + 1, 0.0
-        parts.append(_key(one, LEFT + offset, TOP + row * LEGEND_ROW))
+        parts.append(_key(entry, LEFT + offset, TOP + row * LEGEND_ROW))
         offset += needed + 14
     return parts, row + 1 if parts else 0
 

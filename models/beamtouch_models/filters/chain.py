@@ -194,7 +194,8 @@ class Chain:
         total, number = np.moveaxis(sums.since(sizes[:, np.newaxis])[:, 0], 1, 0)
         there = (number >= self._needed) & (newest[:, 1] > 0)
         number = np.maximum(number, 1)
-        mean, variance = (np.where(there, each, np.nan) for each in (total / number * self._quantum_mm, 1 / number))
+        mean = np.where(there, total / number * self._quantum_mm, np.nan)
+        variance = np.where(there, 1 / number, np.nan)
         if self._motion and past and seen:
             seen = seen._replace(lags=seen.lags * self._quantum_mm)
             taken = Taken(readings, begun, spikes, doubtful, mean, variance, seen)
@@ -214,8 +215,8 @@ class Chain:
         """Return the means, those of a beam that rings replaced by where it will rest, and what is known after them."""
         if followed is None and not filtered.moves.any():
             return filtered, None
-        found, followed = ringing.follow(followed, times, readings, filtered.moves.tolist())
-        return (filtered.replaced(found) if found else filtered), followed
+        rests, followed = ringing.follow(followed, times, readings, filtered.moves.tolist())
+        return (filtered.replaced(rests) if rests else filtered), followed
 
     def _with_lost(self, values: FloatArray, lost: Sequence[int]) -> tuple[FloatArray, NDArray[np.intp]]:
         """Return readings with rows of NaN for those lost before each of them, and the places of the readings."""

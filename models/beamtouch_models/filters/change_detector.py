@@ -105,26 +105,26 @@ class ChangeDetector:
         since, sizes = np.full((2, len(changed)), self.longest)
         drifts, shown, touched = np.zeros((3, len(changed)), dtype=np.bool_)
         jumps = np.zeros(len(changed))
-        found = np.flatnonzero(changed.any(axis=1))
-        if len(found):
-            part, first = sums.of(found), changed[found].argmax(axis=1)
+        changed_means = np.flatnonzero(changed.any(axis=1))
+        if len(changed_means):
+            part, first = sums.of(changed_means), changed[changed_means].argmax(axis=1)
             # The windows before the first one that fails hold no change.
             split = best_split(part, np.maximum(1, self._windows[first - 1] // 2), self._windows[first])
             step = is_sharp(part, split, self._sharp)
             early = step & (split > 1) & (split < max(self._fewest, self.still))
             if early.any():
-                touched[found[early]] = is_calm(part.of(early), split[early], self._before, self._calm)
+                touched[changed_means[early]] = is_calm(part.of(early), split[early], self._before, self._calm)
             slow = ~step & (split >= self._fewest)
             if slow.any():
                 step[slow] = is_step(part.of(slow), split[slow], self._clearly)
             size = np.where(step, split, -(-split // DRIFT_PART))
-            few = (size < self._fewest) & ~touched[found]
-            since[found], sizes[found] = split, np.where(few, self._fewest, size)
-            drifts[found] = moving = ~step | few
+            few = (size < self._fewest) & ~touched[changed_means]
+            since[changed_means], sizes[changed_means] = split, np.where(few, self._fewest, size)
+            drifts[changed_means] = moving = ~step | few
             values, number = part.each(split[:, np.newaxis] * np.array([2, 1, 0]))
-            shown[found] = moving & number[:, 0].any(axis=1)
+            shown[changed_means] = moving & number[:, 0].any(axis=1)
             before, after = np.moveaxis(values / np.maximum(number, 1), 1, 0)
-            jumps[found] = ((after - before) ** 2).sum(axis=1) / self._unit**2
+            jumps[changed_means] = ((after - before) ** 2).sum(axis=1) / self._unit**2
         return Seen(since, sizes, shown, touched, jumps, self._lags(sums, sizes, drifts))
 
     def _differ(self, sums: Sums) -> NDArray[np.bool_]:
@@ -140,8 +140,8 @@ class ChangeDetector:
         changed = np.zeros((len(total), windows), dtype=np.bool_)
         for shape, of in (((newest, 1), slice(newest)), ((-1, windows), slice(newest, -windows))):
             apart, variance = (
-                each[:, :, of].reshape(*each.shape[:2], *shape) - each[:, :, np.newaxis, -windows:]
-                for each in (means, inverse)
+                quantity[:, :, of].reshape(*quantity.shape[:2], *shape) - quantity[:, :, np.newaxis, -windows:]
+                for quantity in (means, inverse)
             )
             apart *= apart
             apart /= np.where(variance > 0, variance, np.inf)  # otherwise no part of the window
@@ -164,7 +164,7 @@ class ChangeDetector:
         untested = (variance <= 0) | (variance >= 1)  # too many readings, or none
         apart[untested], variance[untested] = 0.0, 1.0
         square = np.einsum("mnc,mnc->mn", apart, apart / variance)
-        best, at = square.argmax(axis=1), np.arange(len(sizes))
-        share = np.sqrt(1 - self._lag / np.maximum(square[at, best], self._lag))
-        lags: FloatArray = apart[at, best] * np.where(drifts, share * (sizes - 1) / sizes, share)[:, np.newaxis]
+        best, rows = square.argmax(axis=1), np.arange(len(sizes))
+        share = np.sqrt(1 - self._lag / np.maximum(square[rows, best], self._lag))
+        lags: FloatArray = apart[rows, best] * np.where(drifts, share * (sizes - 1) / sizes, share)[:, np.newaxis]
         return lags

@@ -62,34 +62,34 @@ class Filtered:
     def replaced(self, found: Sequence[tuple[int, Found]]) -> Self:
         """Return the means, of which some that move are replaced: by their rows, and where that is less uncertain."""
         rows = np.array([row for row, _ in found])
-        means = np.array([one.mean_mm for _, one in found])
+        means = np.array([rest.mean_mm for _, rest in found])
         there, place = ~np.isnan(self.mean_mm[rows]), np.cumsum(self.uncertain)[rows] - 1
         noise_mm2 = 0.0 if self.noise_mm is None else self.noise_mm**2
         white_mm2 = (np.where(there, self.relative_variance[rows], 0.0) * noise_mm2).sum(axis=1)
         present_mm2 = white_mm2 + np.trace(self.excess_mm2[place], axis1=1, axis2=2)
-        better = np.array([one.variance_mm2 for _, one in found]) < present_mm2
+        better = np.array([rest.variance_mm2 for _, rest in found]) < present_mm2
         better &= ~(np.isnan(means) & there).any(axis=1)
         if not better.any():
             return self
         mean_mm, variance, excess_mm2 = self.mean_mm.copy(), self.relative_variance.copy(), self.excess_mm2.copy()
-        rows, there, shares = rows[better], there[better], np.array([[1 / one.readings] for _, one in found])
+        rows, there, shares = rows[better], there[better], np.array([[1 / rest.readings] for _, rest in found])
         mean_mm[rows] = np.where(there, means[better], mean_mm[rows])
         variance[rows] = np.where(there, shares[better], variance[rows])
-        excess_mm2[place[better]] = np.array([one.excess_mm2 for _, one in found])[better]
+        excess_mm2[place[better]] = np.array([rest.excess_mm2 for _, rest in found])[better]
         is_found = self.found.copy()
-        is_found[rows] = np.array([one.is_rest for _, one in found])[better]
+        is_found[rows] = np.array([rest.is_rest for _, rest in found])[better]
         return replace(self, mean_mm=mean_mm, relative_variance=variance, excess_mm2=excess_mm2, found=is_found)
 
     def at(self, rows: NDArray[np.intp]) -> Self:
         """Return some of the means, by their ascending rows."""
-        kept = np.isin(np.flatnonzero(self.uncertain), rows)
+        is_chosen = np.isin(np.flatnonzero(self.uncertain), rows)
         return replace(
             self,
             mean_mm=self.mean_mm[rows],
             relative_variance=self.relative_variance[rows],
             moves=self.moves[rows],
             lags=self.lags[rows],
-            excess_mm2=self.excess_mm2[kept] if len(kept) else self.excess_mm2,
+            excess_mm2=self.excess_mm2[is_chosen] if len(is_chosen) else self.excess_mm2,
             found=self.found[rows],
         )
 

@@ -43,8 +43,8 @@ def refit(of: Fit, times: FloatArray, values: FloatArray, band: Band, most: floa
         now = _step(now, waves, times, values, band)
         waves = _Waves.of(now, times)
         now = now._replace(jitter=_jitter_of(waves, values, most))
-    left = waves.whitened(values - waves.said, now.jitter)
-    return now, float((left * left).sum())
+    residuals = waves.whitened(values - waves.said, now.jitter)
+    return now, float((residuals * residuals).sum())
 
 
 def whitened(of: Fit, times: FloatArray, left: FloatArray) -> FloatArray:

@@ -147,14 +147,14 @@ class Motion:
         uncertain = np.flatnonzero(moves | lags)
         excess = lag[uncertain, :, np.newaxis] * lag[uncertain, np.newaxis]
         if moves.any():
-            at = np.flatnonzero(moves)
-            of = np.searchsorted(uncertain, at)
-            excess[of] += self._excess(taken, near, means, confirms)[at]
+            moving = np.flatnonzero(moves)
+            of = np.searchsorted(uncertain, moving)
+            excess[of] += self._excess(taken, near, means, confirms)[moving]
             if self._grows:
-                excess[of[(taken.seen.touched & ~taken.doubtful)[at]]] = np.diag(self._unit_mm**2)
+                excess[of[(taken.seen.touched & ~taken.doubtful)[moving]]] = np.diag(self._unit_mm**2)
             # A beam that nobody has seen rest may swing as far as it is deflected.
             far_mm2 = (np.where(there, mean, 0.0) ** 2).sum(axis=1) * unproven
-            excess[of] += far_mm2[at, np.newaxis, np.newaxis] * self._every
+            excess[of] += far_mm2[moving, np.newaxis, np.newaxis] * self._every
         excess *= there[uncertain, :, np.newaxis] & there[uncertain, np.newaxis]
         filtered = Filtered(mean, taken.variance, self._noise_mm, moves, lags, excess, np.zeros_like(moves))
         return filtered, Past(means[len(means) - self._means :], moved)
@@ -277,11 +277,11 @@ class Motion:
         excess += step[:, :, np.newaxis] * step[:, np.newaxis]
         # A direction that a single reading shows is as uncertain as that reading.
         single = np.minimum(near.newest / np.maximum(near.squares, 1.0), 1.0)
-        each = single[:, np.newaxis] * self._noise_mm**2
-        each += UNSEEN**2 * np.trace(excess, axis1=1, axis2=2)[:, np.newaxis]
+        variance_mm2 = single[:, np.newaxis] * self._noise_mm**2
+        variance_mm2 += UNSEEN**2 * np.trace(excess, axis1=1, axis2=2)[:, np.newaxis]
         if near.missing is not None:
-            each += self._left_out(taken, near.missing) ** 2
-        return excess + each[:, :, np.newaxis] * self._every
+            variance_mm2 += self._left_out(taken, near.missing) ** 2
+        return excess + variance_mm2[:, :, np.newaxis] * self._every
 
     def _left_out(self, taken: Taken, missing: NDArray[np.bool_]) -> FloatArray:
         """Return how far missing readings may move the mean [mm], shape (means, channels).

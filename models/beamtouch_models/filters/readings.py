@@ -39,11 +39,11 @@ class Stream(NamedTuple):
 
     def add(self, rows: FloatArray) -> Self:
         """Return the stream after more rows: values and numbers, shape (rows, 2, channels)."""
-        before, end, kept = self
+        before, end, lookback = self
         if end + len(rows) > len(before) or np.abs(before[end - 1]).max() > MAX_SUM:
-            last = before[end - kept : end]
-            before, end = np.zeros((kept + kept // 4 + len(rows), *rows.shape[1:])), kept
-            np.subtract(last, last[0], out=before[:kept])
+            last = before[end - lookback : end]
+            before, end = np.zeros((lookback + lookback // 4 + len(rows), *rows.shape[1:])), lookback
+            np.subtract(last, last[0], out=before[:lookback])
         added = before[end : end + len(rows)]
         np.cumsum(rows, axis=0, out=added)
         added += before[end - 1]
@@ -101,5 +101,5 @@ def lone_spikes(readings: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_
 
 def windows(rows: NDArray[Scalar], size: int, number: int) -> NDArray[Scalar]:
     """Return the last `size` rows up to each of the last `number` rows, shape (number, size, ...)."""
-    found: NDArray[Scalar] = rows[len(rows) - number - size + 1 + np.arange(number)[:, np.newaxis] + np.arange(size)]
-    return found
+    windowed: NDArray[Scalar] = rows[len(rows) - number - size + 1 + np.arange(number)[:, np.newaxis] + np.arange(size)]
+    return windowed

@@ -149,27 +149,27 @@ class Ringing:
         moves
             Whether the mean of the newest readings moves, after each of them.
         """
-        found: list[tuple[int, Found]] = []
+        rests: list[tuple[int, Found]] = []
         there = np.any(~np.isnan(readings_mm), axis=1)
         came, undated = (there & ~np.isnan(times)).tolist(), (there & np.isnan(times)).tolist()
-        at = 0
-        while at < len(moves):
-            if before is None and not moves[at]:
-                at += 1
+        reading = 0
+        while reading < len(moves):
+            if before is None and not moves[reading]:
+                reading += 1
                 continue
-            until = at
+            until = reading
             if before is not None and before.is_confirmed and before.fit is not None:
-                before, until = self._wait(before, before.fit, times, readings_mm, moves, at)
-            if until == at:
-                reading_mm = readings_mm[at] if came[at] else None
-                before, until = self._step(before, float(times[at]), reading_mm, moves=moves[at]), at + 1
-                if before is not None and (undated[at] or came[at]):
-                    before = before._replace(undated=before.undated + 1 if undated[at] else 0)
+                before, until = self._wait(before, before.fit, times, readings_mm, moves, reading)
+            if until == reading:
+                reading_mm = readings_mm[reading] if came[reading] else None
+                before, until = self._step(before, float(times[reading]), reading_mm, moves=moves[reading]), reading + 1
+                if before is not None and (undated[reading] or came[reading]):
+                    before = before._replace(undated=before.undated + 1 if undated[reading] else 0)
             # Readings whose time is not known cannot contradict a rest. One of them may be chance.
             if before is not None and before.found is not None and before.undated < MOST_UNDATED:
-                found += [(row, before.found) for row in range(at, until) if moves[row]]
-            at = until
-        return found, before
+                rests += [(row, before.found) for row in range(reading, until) if moves[row]]
+            reading = until
+        return rests, before
 
     def _waits(self, before: Followed, last: Fit, time: float, more: int = 0) -> bool:
         """Return whether a row that the last fit predicts waits for the next one, after so many more."""
@@ -271,15 +271,15 @@ class Ringing:
         rows = len(now.times)
         if now.waits > 0 or rows < LEAST_ROWS:
             return self._told(now._replace(doubtful=None, waits=now.waits - 1), None)
-        now, kept = now._replace(constants=()), rows
+        now, newest = now._replace(constants=()), rows
         best = self._sought(now, rows)
         if best is None and SHORTER * rows >= LEAST_ROWS:
-            kept = int(SHORTER * rows)
-            best = self._sought(now, kept)
+            newest = int(SHORTER * rows)
+            best = self._sought(now, newest)
         failures = 0 if best else now.failures + 1
         now = now._replace(
-            times=now.times[-kept:],
-            values=now.values[-kept:],
+            times=now.times[-newest:],
+            values=now.values[-newest:],
             doubtful=None,
             failures=failures,
             waits=min(failures, MOST_WAITS),
@@ -292,7 +292,7 @@ class Ringing:
             now = now._replace(fit=None, found=None, opened=False, constants=())
             return now if now.former is None else self._touched(now, *now.former)
         opened = self._seen(best, now) > (CLOSES if now.opened else OPENS)
-        found = self._found(now, best) if opened and now.constants else None
+        rest = self._found(now, best) if opened and now.constants else None
         constant = np.full(now.values.shape[1], np.nan)
         constant[~np.isnan(now.values[-1])] = best.constant
         constants = (*now.constants, constant)[-max(LAGS) :]
@@ -300,7 +300,7 @@ class Ringing:
             fit=best,
             fitted=now.times[-1].mean(),
             opened=opened,
-            found=found,
+            found=rest,
             constants=constants,
             age=now.age + 1,
             passed=0,
@@ -352,20 +352,20 @@ class Ringing:
 
     def _carried(self, last: Fit, now: Followed, *, checks: bool) -> Fit | None:
         """Return the last fit, carried on to all rows; None if none explains them."""
-        whole = self._whole(now)
-        return None if whole is None else carried(last, whole, checks=checks)
+        rows = self._whole(now)
+        return None if rows is None else carried(last, rows, checks=checks)
 
     def _sought(self, now: Followed, newest: int) -> Fit | None:
         """Return the best fit to so many newest rows; None if none explains them."""
-        whole = self._whole(now, newest)
-        return None if whole is None else sought(whole)
+        rows = self._whole(now, newest)
+        return None if rows is None else sought(rows)
 
     def _seen(self, of: Fit, now: Followed) -> float:
         """Return the swings that are seen (r.m.s., in units of the noise)."""
-        whole = self._whole(now)
-        if whole is None or not len(of.poles.decay):
+        rows = self._whole(now)
+        if rows is None or not len(of.poles.decay):
             return 0.0
-        ages, values = mean_times(whole.ages), whole.values - whole.values.mean(axis=0)
+        ages, values = mean_times(rows.ages), rows.values - rows.values.mean(axis=0)
         ages = ages - ages.mean()
         slope = ages @ values
         line = (values * values).sum() - slope @ slope / (ages @ ages)

@@ -73,9 +73,9 @@ def carried(last: Fit, whole: Whole, *, checks: bool) -> Fit | None:
         return best
     if last.jitter and (jittery := with_jitter(best._replace(jitter=last.jitter), whole)):
         return jittery
-    other = fit(ages, values, best.following, band, slopes=not last.slopes)
-    if explains(other, band) and (not explains(best, band) or worth(other) < worth(best)):
-        best = other
+    alternative = fit(ages, values, best.following, band, slopes=not last.slopes)
+    if explains(alternative, band) and (not explains(best, band) or worth(alternative) < worth(best)):
+        best = alternative
     if not explains(best, band) and len(last.poles.decay) < MOST_POLES:
         best = refine(ages, values, seek(best, ages, values, band), band, slopes=last.slopes, steps=STEPS)
     return best if explains(best, band) else with_jitter(best, whole)
@@ -95,7 +95,7 @@ def sought(whole: Whole) -> Fit | None:
             sloping = refine(ages, values, best.following, band, slopes=True, steps=1)
         if not explains(best, band) and not explains(sloping, band) and (jittery := with_jitter(best, whole)):
             return jittery
-    return next((one for one in (best, sloping) if explains(one, band)), None)
+    return next((candidate for candidate in (best, sloping) if explains(candidate, band)), None)
 
 
 def with_jitter(of: Fit, whole: Whole) -> Fit | None:
@@ -108,8 +108,8 @@ def with_jitter(of: Fit, whole: Whole) -> Fit | None:
     if not len(of.poles.decay) or values.shape[1] < 2:
         return None
     most = min(JITTER, JITTER_ANGLE / of.frequency)
-    best, left = refit(of, ages, values, band, most)
-    leaves_noise = left < chi_square_quantile(max(best.freedom, 1), FALSE)
+    best, residual_square = refit(of, ages, values, band, most)
+    leaves_noise = residual_square < chi_square_quantile(max(best.freedom, 1), FALSE)
     return best if leaves_noise and explains(best, band) else None
 
 

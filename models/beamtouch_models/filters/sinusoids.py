@@ -72,8 +72,10 @@ class Band(NamedTuple):
         A load that grows would be taken for one of them.
         """
         turns = frequency * self.usual / (2 * math.pi)
-        whole = np.rint(turns)
-        still: NDArray[np.bool_] = (whole > 0) & (np.abs(turns - whole) * 2 * math.pi < self.lowest * self.usual)
+        whole_turns = np.rint(turns)
+        still: NDArray[np.bool_] = (whole_turns > 0) & (
+            np.abs(turns - whole_turns) * 2 * math.pi < self.lowest * self.usual
+        )
         return still
 
 
@@ -196,25 +198,27 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slop
     normal = products[:linear, :linear].copy()
     normal.flat[:: linear + 1] += 1 / AMPLITUDE**2 + ALIKE * normal.flat[:: linear + 1]
     inverse = np.linalg.inv(normal)
-    found = inverse @ shown[:linear]
+    coefficients = inverse @ shown[:linear]
     every = values.ravel()
-    square = float(every @ every - shown[:linear].ravel() @ found.ravel())
+    square = float(every @ every - shown[:linear].ravel() @ coefficients.ravel())
     parameters = linear * channels + 2 * count
     freedom = number * channels - parameters
     if not count:
         covariance = inverse[0, 0] * np.eye(channels)
-        return Fit(poles, slopes, found[0], found, square, number, freedom, parameters, covariance, poles, square)
+        return Fit(
+            poles, slopes, coefficients[0], coefficients, square, number, freedom, parameters, covariance, poles, square
+        )
     mixed = inverse @ products[:linear, linear:]
-    left = products[linear:, linear:] - products[linear:, :linear] @ mixed
-    residual = shown[linear:] - products[linear:, :linear] @ found
+    schur = products[linear:, linear:] - products[linear:, :linear] @ mixed
+    residual = shown[linear:] - products[linear:, :linear] @ coefficients
     # What each pole's decay and frequency change, in the columns times t.
     changes = np.zeros((2 * count, 2 * count, channels))
     for pole in range(count):
-        cosine, sine = found[first + pole], found[first + count + pole]
+        cosine, sine = coefficients[first + pole], coefficients[first + count + pole]
         changes[pole, pole], changes[pole, count + pole] = -cosine, -sine
         changes[count + pole, pole], changes[count + pole, count + pole] = sine, -cosine
     flat = changes.reshape(2 * count, -1)
-    stiffness = (left @ changes).reshape(2 * count, -1) @ flat.T
+    stiffness = (schur @ changes).reshape(2 * count, -1) @ flat.T
     force = flat @ residual.ravel()
     stiffness.flat[:: 2 * count + 1] *= 1 + ALIKE
     prior = 1 / (DAMPING * poles.frequency) ** 2
@@ -234,8 +238,8 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slop
     return Fit(
         poles,
         slopes,
-        found[0] + moved.T @ step,
-        found,
+        coefficients[0] + moved.T @ step,
+        coefficients,
         square,
         number,
         freedom,
@@ -261,13 +265,13 @@ def seek(of: Fit, times: FloatArray, values: FloatArray, band: Band) -> Poles:
     frequencies = np.linspace(band.lowest, SOUGHT * band.highest, number)
     frequencies = frequencies[~band.seem_still(frequencies)]
     number = len(frequencies)
-    left, waves = values - predicted(of, times), waves_of(Poles(np.zeros(number), frequencies), times).T
+    residuals, waves = values - predicted(of, times), waves_of(Poles(np.zeros(number), frequencies), times).T
     times = mean_times(times)
-    both = np.concatenate([waves.real, waves.imag], axis=1)
+    columns = np.concatenate([waves.real, waves.imag], axis=1)
     base = np.stack([np.ones(len(times)), times / len(times)], axis=1)[:, : 1 + of.slopes]
-    both -= base @ np.linalg.solve(base.T @ base, base.T @ both)
-    cosines, sines = both[:, :number], both[:, number:]
-    by_cosine, by_sine = cosines.T @ left, sines.T @ left
+    columns -= base @ np.linalg.solve(base.T @ base, base.T @ columns)
+    cosines, sines = columns[:, :number], columns[:, number:]
+    by_cosine, by_sine = cosines.T @ residuals, sines.T @ residuals
     least = 1e-6 * len(times)
     cc, ss, cs = (cosines**2).sum(axis=0) + least, (sines**2).sum(axis=0) + least, (cosines * sines).sum(axis=0)
     explained = (by_cosine**2).sum(axis=1) * ss - 2 * (by_cosine * by_sine).sum(axis=1) * cs

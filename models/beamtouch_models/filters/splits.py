@@ -20,16 +20,16 @@ BINS = 16
 def best_split(sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the rows since the split of each window of `fails` rows whose two sides differ most, shape (means,)."""
     low, high = shortest[:, np.newaxis], fails[:, np.newaxis] - 1
-    whole = sums.since(fails[:, np.newaxis])
+    total = sums.since(fails[:, np.newaxis])
     probes = np.arange(PROBES)
     means = np.arange(len(fails))
     while True:
         spacing = int((high - low).max())
         sizes = low + (high - low) * probes // (PROBES - 1) if spacing >= PROBES else np.minimum(low + probes, high)
         since = sums.since(sizes)
-        first = whole - since
+        first = total - since
         apart = since[:, :, 0] / np.maximum(since[:, :, 1], 1) - first[:, :, 0] / np.maximum(first[:, :, 1], 1)
-        weight = since[:, :, 1] * first[:, :, 1] / np.maximum(whole[:, :, 1], 1)
+        weight = since[:, :, 1] * first[:, :, 1] / np.maximum(total[:, :, 1], 1)
         best = np.einsum("mnc,mnc,mnc->mn", apart, apart, weight).argmax(axis=1)
         if spacing < PROBES:
             split: NDArray[np.intp] = sizes[means, best]

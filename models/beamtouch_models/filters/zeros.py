@@ -116,13 +116,13 @@ class Zeros:
 
     def restart(self) -> None:
         """Know nothing but the last rest before the first reading."""
-        at = -round(min(self._rested.ago_s, LONGEST_S) * self._rate_hz)
+        rest_end = -round(min(self._rested.ago_s, LONGEST_S) * self._rate_hz)
         deviation_mm = self._walk.start_mm if self._rested.deviation_mm is None else self._rested.deviation_mm
         zero_mm = np.zeros(self._channels) if self._rested.zero_mm is None else np.array(self._rested.zero_mm)
         variance_mm2 = np.broadcast_to(np.square(deviation_mm), self._channels)
         self._read = 0
         """Number of readings so far, with those that are lost."""
-        self._rest = _Zero(at, np.full(self._channels, at), zero_mm, variance_mm2, variance_mm2, zero_mm)
+        self._rest = _Zero(rest_end, np.full(self._channels, rest_end), zero_mm, variance_mm2, variance_mm2, zero_mm)
         self._before: tuple[int, _Zero] | None = None
         """The rest before the last load, and the number of readings up to when that load seemed to be gone."""
         self._load: _Load | None = None
@@ -181,7 +181,7 @@ class Zeros:
         while row < number:
             # Up to the end of the block, or to the next gap.
             end = min(number, row + self._size - self._filled)
-            end = next((at for at in range(row + 1, end) if gaps[at]), end)
+            end = next((reading for reading in range(row + 1, end) if gaps[reading]), end)
             self._skip(gaps[row])
             times = self._read - self._rest.at + np.arange(1, end - row + 1)
             zero[row:end] = self._rest.mm
@@ -207,12 +207,12 @@ class Zeros:
 
         Rests found in successive blocks share readings, so the variance is multiplied by the number of blocks in one.
         """
-        at = -1 if filtered is None else len(filtered.found) + behind - 1
-        if filtered is None or at < 0 or not filtered.found[at]:
+        row = -1 if filtered is None else len(filtered.found) + behind - 1
+        if filtered is None or row < 0 or not filtered.found[row]:
             return None
-        repeats = max(1.0, float(filtered.readings[at]) / self._size)
-        variance_mm2 = repeats * np.diag(filtered.covariances_mm2(np.array([at]))[0])
-        mean_mm, there = filtered.mean_mm[at], ~np.isnan(filtered.mean_mm[at])
+        repeats = max(1.0, float(filtered.readings[row]) / self._size)
+        variance_mm2 = repeats * np.diag(filtered.covariances_mm2(np.array([row]))[0])
+        mean_mm, there = filtered.mean_mm[row], ~np.isnan(filtered.mean_mm[row])
         # What is less certain than a reading may hide a load, which would move the zeros again and again.
         if (variance_mm2 > self._single_mm2)[there].any():
             return None
@@ -229,10 +229,10 @@ class Zeros:
         mean, scatter = rows.mean(axis=0), rows.var(axis=0) * self._size / (self._size - 1)
         is_calm = there.any() and bool((scatter[there] <= CALM * self._single_mm2[there]).all())
         if not is_calm:
-            found = self._found(filtered, behind)
-            if found is not None:
-                self._take(found)
-            self._last = found
+            rest = self._found(filtered, behind)
+            if rest is not None:
+                self._take(rest)
+            self._last = rest
             return
         excess = np.maximum(scatter - self._single_mm2, 0.0) * (scatter > 2 * self._single_mm2)
         block = _Block(mean, self._mean_mm2 + excess, there)

@@ -31,7 +31,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),
         ("beam", f"{metadata.beam}: {largest}"),
         ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
-        ("mounted", f"fixed_mm = {[one.position_mm for one in metadata.layout]} in [sensors] keeps them there"),
+        ("mounted", f"fixed_mm = {[channel.position_mm for channel in metadata.layout]} in [sensors] keeps them there"),
         ("contact", f"{low:g}..{high:g} mm, {force}"),
         ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
         (
@@ -43,7 +43,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ("noise", f"{digits(noise.reading_mm, 3)} mm per reading, {digits(noise.sample_mm, 3)} mm per sample"),
         ("error", f"{error} of the length, on average{_of_what(metadata)}"),
         ("limit", f"{best}; error over limit {ratio}"),
-        *(("answer", f"{kind}: error {', '.join(each)}") for kind, each in answers(metadata).items()),
+        *(("answer", f"{kind}: error {', '.join(errors)}") for kind, errors in answers(metadata).items()),
         *_placed(metadata),
         ("outputs", ", ".join(outputs)),
         *([("lacks", f"{lacks}: `design-sensors evaluate` can use it, the service cannot")] if lacks else []),
@@ -61,12 +61,12 @@ def _of_what(metadata: Metadata) -> str:
 def answers(metadata: Metadata) -> dict[str, list[str]]:
     """Return what an answer gives, and when, in words for each kind of touch."""
     kinds: dict[str, list[str]] = {"sudden touch": [], "touch without ringing": []}
-    for one in metadata.accuracy.since_touch:
-        after = f"after {digits(one.since_ms, 3)} ms"
-        kinds["touch without ringing"].append(f"{_measured(one.error_percent, one.error_standard_error)} {after}")
-        if one.ringing_percent is not None:
-            kinds["sudden touch"].append(f"{_measured(one.ringing_percent, one.ringing_standard_error)} {after}")
-    return {kind: each for kind, each in kinds.items() if each}
+    for answer in metadata.accuracy.since_touch:
+        after = f"after {digits(answer.since_ms, 3)} ms"
+        kinds["touch without ringing"].append(f"{_measured(answer.error_percent, answer.error_standard_error)} {after}")
+        if answer.ringing_percent is not None:
+            kinds["sudden touch"].append(f"{_measured(answer.ringing_percent, answer.ringing_standard_error)} {after}")
+    return {kind: errors for kind, errors in kinds.items() if errors}
 
 
 def _measured(percent: float, standard_error: float | None) -> str:
@@ -127,7 +127,7 @@ def unseen(metadata: Metadata) -> str:
     words += [f"up to {digits(max(forces_n), 2)} N is needed {'elsewhere' if blind else 'there'}"] if forces_n else []
     return (
         f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at "
-        f"{' and '.join(_in_words(*one) for one in where)}: {', and '.join(words)}"
+        f"{' and '.join(_in_words(*stretch) for stretch in where)}: {', and '.join(words)}"
     )
 
 
@@ -137,7 +137,7 @@ def nothing_seen(metadata: Metadata) -> str:
     for run in _runs(metadata, lambda force: force is None):
         start, end = run[0][0], run[-1][0]
         held = [support.at_mm for support in metadata.drawn.supports if start <= support.at_mm <= end]
-        words += [f"the support at {digits(at, 4)} mm" for at in held] or [_in_words(start, end)]
+        words += [f"the support at {digits(support_mm, 4)} mm" for support_mm in held] or [_in_words(start, end)]
     return f"nothing is seen at {' and '.join(words)}" if words else ""
 
 
@@ -152,30 +152,30 @@ def _in_words(low_mm: float, high_mm: float) -> str:
 
 
 def _placed(metadata: Metadata) -> list[tuple[str, str]]:
-    found = metadata.placed
-    if not found.limit_without_percent:
+    placed = metadata.placed
+    if not placed.limit_without_percent:
         return []
-    worst = max(found.limit_without_percent)
-    index = found.limit_without_percent.index(worst)
-    name, grown = metadata.layout[index].name, _measured(worst, found.limit_without_standard_error[index])
-    spare = ", with a spare" if found.spare else ""
-    return [("placed", f"by {found.criterion}{spare}; the limit grows to {grown} if {name} fails")]
+    worst = max(placed.limit_without_percent)
+    index = placed.limit_without_percent.index(worst)
+    name, grown = metadata.layout[index].name, _measured(worst, placed.limit_without_standard_error[index])
+    spare = ", with a spare" if placed.spare else ""
+    return [("placed", f"by {placed.criterion}{spare}; the limit grows to {grown} if {name} fails")]
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
-    found = metadata.calibration
-    if found is None:
+    calibration = metadata.calibration
+    if calibration is None:
         return []
-    kinds = ", ".join(found.fitted) or "no departures"
+    kinds = ", ".join(calibration.fitted) or "no departures"
     told = []
-    if found.error_before_mm is not None and found.error_after_mm is not None:
+    if calibration.error_before_mm is not None and calibration.error_after_mm is not None:
         told.append(
-            f"{found.loads} loads, mean error {digits(found.error_before_mm, 3)} mm before, "
-            f"{digits(found.error_after_mm, 3)} mm after"
+            f"{calibration.loads} loads, mean error {digits(calibration.error_before_mm, 3)} mm before, "
+            f"{digits(calibration.error_after_mm, 3)} mm after"
         )
-    if found.misfit_before is not None and found.misfit_after is not None:
+    if calibration.misfit_before is not None and calibration.misfit_after is not None:
         told.append(
-            f"{found.contacts} unlabelled contacts, median misfit {digits(found.misfit_before, 3)} before, "
-            f"{digits(found.misfit_after, 3)} after"
+            f"{calibration.contacts} unlabelled contacts, median misfit {digits(calibration.misfit_before, 3)} before, "
+            f"{digits(calibration.misfit_after, 3)} after"
         )
     return [("real", f"calibrated with {'; then with '.join(told)}; fitted: {kinds}")]

@@ -170,9 +170,9 @@ def _check_golden(model: ModelFile) -> None:
             answers = {name: [float(row[name].reshape(())) for row in rows] for name in model.outputs}
     except GraphError as error:
         raise ModelFileError(f"its graph fails on a single sample ({error})") from None
-    for name, found in answers.items():
+    for name, computed in answers.items():
         expected = golden.answers.get(name, [])
-        if len(expected) != len(found) or not np.allclose(
-            found, expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
+        if len(expected) != len(computed) or not np.allclose(
+            computed, expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
         ):
             raise ModelFileError(f"its golden answers for {name} are not reproduced on this machine")

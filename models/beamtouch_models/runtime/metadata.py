@@ -345,16 +345,18 @@ class Metadata(MetadataPart):
             raise ValueError(f"min_channels: {self.min_channels} of {len(names)} channels")
         golden, limits = self.golden, self.thresholds
         without, uncertain = self.placed.limit_without_percent, self.placed.limit_without_standard_error
-        found = self.calibration.departures if self.calibration else None
+        departures = self.calibration.departures if self.calibration else None
         lists: dict[str, list[list[Any]]] = {
             "thresholds and floor": [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm],
             "placed": [without, uncertain] if without or uncertain else [],
             "influence": [*self.influence.mm_per_n],
-            "golden": [*golden.deflection_mm, *(row for one in golden.whitening_per_mm for row in one)],
-            "calibration.departures": [found.position_offset_mm, found.gain, found.offset_mm] if found else [],
+            "golden": [*golden.deflection_mm, *(row for whitening in golden.whitening_per_mm for row in whitening)],
+            "calibration.departures": [departures.position_offset_mm, departures.gain, departures.offset_mm]
+            if departures
+            else [],
         }
-        for where, each in lists.items():
-            if any(len(values) != len(names) for values in each):
+        for where, rows in lists.items():
+            if any(len(values) != len(names) for values in rows):
                 raise ValueError(f"{where}: each list must have {len(names)} entries")
         if len(lists["golden"]) != len(golden.deflection_mm) * (len(names) + 1):
             raise ValueError(f"golden: each input must have {len(names)} channels")

@@ -1,8 +1,8 @@
 """The posterior of a place over cells of any number of axes: its median along each axis, and the mean distance from it.
 
-A box of cells is laid around what is likely, again and again, until it no longer shrinks by half. So its cells are small
-beside the posterior wherever that is in one piece. Beams have an integration of their own, which is exact to 2e-4
-(`posterior`): their limits are known to be so small.
+A box of cells is laid around what is likely, again and again, until it no longer shrinks by half. So its cells are
+small beside the posterior wherever that is in one piece. Beams have an integration of their own, which is exact to 2e-4
+(`posterior`).
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.likelihood import NEGLIGIBLE, log_density
 from beamtouch_models.design.accuracy.prior import Prior, forces_of
-from beamtouch_models.places import Extent, grid_of
+from beamtouch_models.places import Extent
 
 CELLS = 64
 """Cells along each axis of a box."""
@@ -55,7 +55,7 @@ def _likely_box(box: Extent, density: Floats) -> Extent:
 
     `density` has the cells of each axis. Where cells are much wider than a posterior, their middles miss the peak. Along
     an axis, a parabola through three of them rises above the middle one by at most an eighth of its drop to the lower
-    neighbour; half of the drop is allowed for.
+    neighbour; half of it is allowed for.
     """
     rise = np.zeros_like(density)
     for axis in range(density.ndim):

@@ -95,15 +95,15 @@ def build_model(
 
 def draw_beam(scene: Scene) -> BeamDrawing:
     """Return the beam of a scene as the service's page draws it: supports, and its shape under a contact."""
-    at = np.linspace(0.0, scene.beam.length_mm, POINTS)
+    position_mm = np.linspace(0.0, scene.beam.length_mm, POINTS)
     load = np.linspace(*scene.contact.position_mm, LOADS)
-    shape = influence(scene.beam, at, load, scene.contact.width_mm)
+    shape = influence(scene.beam, position_mm, load, scene.contact.width_mm)
     return BeamDrawing(
         supports=[
-            DrawnSupport(at_mm=one.at_mm, kind=one.kind, slides=not one.holds_lengthwise)
-            for one in scene.beam.support_list
+            DrawnSupport(at_mm=support.at_mm, kind=support.kind, slides=not support.holds_lengthwise)
+            for support in scene.beam.support_list
         ],
-        at_mm=at.tolist(),
+        at_mm=position_mm.tolist(),
         load_mm=load.tolist(),
         deflection_mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in shape],
         sensor_mm=scene.sensors.size_mm,

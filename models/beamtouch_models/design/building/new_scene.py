@@ -60,12 +60,15 @@ def scene_text(answers: Answers, name: str) -> str:
     """
     length = answers.length_mm
     ends: list[tuple[float, End]] = [(0.0, answers.left), (length, answers.right)]
-    rows = [f"    {{ at_mm = {at:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}" for at, end in _held(answers)]
+    rows = [
+        f"    {{ at_mm = {support_mm:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}"
+        for support_mm, end in _held(answers)
+    ]
     edge = [MARGIN * length if end != "free" else 0.0 for _, end in ends]
     places = answers.position_mm or (edge[0], length - edge[1])
     wanted = answers.position_error_mm
     assumed = "assumed: it uses up to a third of range_mm; state yours"
-    stated = asdict(answers) | {
+    values = asdict(answers) | {
         "name": name,
         "known": MATERIALS[answers.material],
         "supports": "\n".join(rows),
@@ -78,14 +81,14 @@ def scene_text(answers: Answers, name: str) -> str:
         "middle_mm": (length / 2 - 10, length / 2 + 10),
         "error": "# position_error_mm = 10" if wanted is None else f"position_error_mm = {wanted:.12g}",
     }
-    return files(__package__).joinpath("new_scene.toml.txt").read_text(encoding="utf-8").format_map(stated)
+    return files(__package__).joinpath("new_scene.toml.txt").read_text(encoding="utf-8").format_map(values)
 
 
 def _held(answers: Answers) -> list[tuple[float, End]]:
     """Return where and how the beam is held, from left to right."""
     ends: list[tuple[float, End]] = [(0.0, answers.left), (answers.length_mm, answers.right)]
-    rollers: list[tuple[float, End]] = [(at, "roller") for at in answers.roller_mm]
-    return sorted((at, end) for at, end in ends + rollers if end != "free")
+    rollers: list[tuple[float, End]] = [(roller_mm, "roller") for roller_mm in answers.roller_mm]
+    return sorted((support_mm, end) for support_mm, end in ends + rollers if end != "free")
 
 
 def _assumed_force_n(answers: Answers, places_mm: tuple[float, float]) -> tuple[float, float]:
@@ -97,13 +100,14 @@ def _assumed_force_n(answers: Answers, places_mm: tuple[float, float]) -> tuple[
             "width_mm": answers.width_mm,
             "thickness_mm": answers.thickness_mm,
             "supports": [
-                {"at_mm": at, "kind": "fixed" if end == "clamped" else "simple"} for at, end in _held(answers)
+                {"at_mm": support_mm, "kind": "fixed" if end == "clamped" else "simple"}
+                for support_mm, end in _held(answers)
             ],
         }
     )
-    at = np.linspace(0.0, answers.length_mm, 201)
-    shape = influence(beam, at, np.linspace(*places_mm, 41))
-    slope = float(np.abs(np.diff(shape, axis=1)).max() / at[1])
+    position_mm = np.linspace(0.0, answers.length_mm, 201)
+    shape = influence(beam, position_mm, np.linspace(*places_mm, 41))
+    slope = float(np.abs(np.diff(shape, axis=1)).max() / position_mm[1])
     most = min(BENDS * (answers.range_mm[1] - answers.range_mm[0]) / float(np.abs(shape).max()), SLOPES / slope)
     largest = float(f"{most:.2g}")
     return float(f"{largest / 10:.2g}"), largest

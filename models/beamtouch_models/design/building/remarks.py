@@ -25,14 +25,14 @@ def _implausible(beam: Beam) -> Iterator[str]:
     if beam.material is None:
         return
     low, high = MATERIALS[beam.material].modulus_range_gpa
-    stated = f"beam.youngs_modulus_gpa = {beam.youngs_modulus_gpa or 0:g}"
+    statement = f"beam.youngs_modulus_gpa = {beam.youngs_modulus_gpa or 0:g}"
     modulus_gpa = beam.youngs_modulus_gpa
     if modulus_gpa is None and beam.flexural_rigidity_n_mm2 is not None and beam.width_mm and beam.thickness_mm:
         modulus_gpa = 12e-3 * beam.flexural_rigidity_n_mm2 / beam.width_mm / beam.thickness_mm**3
         rigidity = f"beam.flexural_rigidity_n_mm2 = {beam.flexural_rigidity_n_mm2:g}"
-        stated = f"{rigidity} means {digits(modulus_gpa, 3)} GPa, which"
+        statement = f"{rigidity} means {digits(modulus_gpa, 3)} GPa, which"
     if modulus_gpa is not None and not low <= modulus_gpa <= high:
-        yield f"{stated} is implausible for {beam.material}, which has {low:g} to {high:g} GPa; check it"
+        yield f"{statement} is implausible for {beam.material}, which has {low:g} to {high:g} GPa; check it"
 
 
 def _assumed(beam: Beam) -> Iterator[str]:
@@ -65,16 +65,16 @@ def missed_error(name: str, percent: float, scene: Scene) -> str:
 
 def weak_spot(metadata: Metadata) -> str:
     """Say whether one failed sensor ends a surface or doubles its error; empty if neither."""
-    layout, found, limit_percent = metadata.layout, metadata.placed, metadata.accuracy.limit_percent
-    remedy = "add a sensor" if found.spare else "add a sensor, or place them with --spare 1"
+    layout, placed, limit_percent = metadata.layout, metadata.placed, metadata.accuracy.limit_percent
+    remedy = "add a sensor" if placed.spare else "add a sensor, or place them with --spare 1"
     if metadata.min_channels == len(layout):
         if len(layout) == 1:
             return "one failed sensor ends this surface: it has no other; add one"
         return f"one failed sensor ends this surface: all {len(layout)} channels must work; {remedy}"
-    worst = max(found.limit_without_percent)
+    worst = max(placed.limit_without_percent)
     if worst < TOO_MUCH * limit_percent:
         return ""
-    name = layout[found.limit_without_percent.index(worst)].name
+    name = layout[placed.limit_without_percent.index(worst)].name
     return (
         f"if {name} fails, the mean position error grows from {digits(limit_percent, 3)} to {digits(worst, 3)} "
         f"% of the length; {remedy}"

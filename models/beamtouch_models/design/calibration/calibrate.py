@@ -125,24 +125,26 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm:
     if mistaken_loads:
         raise RecordingError(_contradiction(loads, mistaken_loads))
     progress("fitting", 0.4)
-    found = averaged_fit(fit(nominal, loads, (*Session(nominal, loads).usual_kinds, *possible)))
+    fitted = averaged_fit(fit(nominal, loads, (*Session(nominal, loads).usual_kinds, *possible)))
     expected_mm = nominal.curve(np.zeros(nominal.size)).measured_mm(loads.place_mm, loads.force_n)
     expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
     if not np.abs(expected_mm).max() > MOVED * nominal.prior.errors.noise_mm:
         raise NotGoodEnoughError(
             "nothing was written: by this model, none of the loads moves a sensor; record loads elsewhere"
         )
-    left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
-    if not left <= MAX_LEFT:
+    unexplained = fitted.error_mm / float(np.sqrt((expected_mm**2).mean()))
+    if not unexplained <= MAX_LEFT:
         hint = _scale_hint(loads.measured_mm[np.isfinite(loads.measured_mm)], expected_mm)
-        raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained", hint))
+        raise NotGoodEnoughError(
+            _another_surface(f"leaves {unexplained:.0%} of the expected deflections unexplained", hint)
+        )
     before = _errors_mm(
-        prior_of_model(model.metadata), model.metadata.departures, found.session.as_of_surface(found.vector)
+        prior_of_model(model.metadata), model.metadata.departures, fitted.session.as_of_surface(fitted.vector)
     )
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
-        others = fit(nominal, loads.without(index), found.kinds, found.vector, sizes=found.sizes)
+        others = fit(nominal, loads.without(index), fitted.kinds, fitted.vector, sizes=fitted.sizes)
         load = Session(nominal, loads[[index]]).as_of_surface(others.vector)
         after[index] = _errors_mm(nominal.prior_with(others.departures), others.departures, load)[0]
     # A single sample has this error in addition, and the loads themselves stand a little off.
@@ -151,7 +153,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm:
         raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
     if np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best):
         raise NotGoodEnoughError(_worse(loads, before, after))
-    return CheckedFit(found, before, after)
+    return CheckedFit(fitted, before, after)
 
 
 def _errors_mm(prior: Prior, departures: Departures, loads: Loads) -> Floats:
@@ -184,14 +186,14 @@ def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
 def _contradiction(loads: Loads, mistaken_loads: tuple[MistakenLoad, ...]) -> str:
     """Return the message that names the loads that contradict the others, and where the others place them."""
     told = [
-        f"{loads.in_words(one.index)} says {loads.position_mm[one.index]:g} mm "
-        f"and {loads.force_n[one.index]:g} N, but the other loads place it at {digits(one.position_mm, 4)} mm with "
-        f"{digits(one.force_n, 3)} N"
-        for one in mistaken_loads
+        f"{loads.in_words(load.index)} says {loads.position_mm[load.index]:g} mm "
+        f"and {loads.force_n[load.index]:g} N, but the other loads place it at {digits(load.position_mm, 4)} mm with "
+        f"{digits(load.force_n, 3)} N"
+        for load in mistaken_loads
     ]
-    alternatives = not all(one.certain for one in mistaken_loads)
+    alternatives = not all(load.certain for load in mistaken_loads)
     what = "either load may be wrong: " if alternatives and len(mistaken_loads) > 1 else ""
-    numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in mistaken_loads)
+    numbers = " ".join(f"--leave-out {loads.number[load.index]}" for load in mistaken_loads)
     end = "record more loads to find out which" if what else f"correct it, or use {numbers}"
     return f"{what}{'; '.join(told)}; {end}; nothing was written"
 

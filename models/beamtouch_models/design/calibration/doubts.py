@@ -32,15 +32,19 @@ def doubts(nominal: NominalSurface, loads: Loads, names: list[str]) -> tuple[str
     suspects = [WEIGHT, *(bend_of(channel) for channel in range(len(names)))]
     best, hidden, gains = plain, list[str](), list[float]()
     while len(hidden) < len(suspects):
-        trials = [fit(nominal, loads, (*kinds, *hidden, one), best.vector) for one in suspects if one not in hidden]
-        trial = max(trials, key=lambda one: one.log_evidence)
+        trials = [
+            fit(nominal, loads, (*kinds, *hidden, suspect), best.vector)
+            for suspect in suspects
+            if suspect not in hidden
+        ]
+        trial = max(trials, key=lambda candidate: candidate.log_evidence)
         gain = trial.log_evidence - best.log_evidence
         if gain < PERHAPS:
             break
         best, hidden, gains = trial, [*hidden, trial.kinds[-1]], [*gains, gain]
     if not hidden or best.scatter > AGREED or best.log_evidence < _with_a_mistyped_load(nominal, loads, kinds):
         return "", ()
-    told = [in_words(best, one, names) for one, gain in zip(hidden, gains, strict=True) if gain >= SURELY]
+    told = [in_words(best, kind, names) for kind, gain in zip(hidden, gains, strict=True) if gain >= SURELY]
     told = [text for text in told if text]
     return ("; ".join(told) + "; nothing was written", ()) if told else ("", tuple(hidden))
 
@@ -49,8 +53,8 @@ def _with_a_mistyped_load(nominal: NominalSurface, loads: Loads, kinds: tuple[st
     """Return the logarithm of the probability of the recording if its worst load may have any deflections."""
     anything = float(np.log(np.sqrt(np.nanmean(loads.measured_mm**2)))) + 0.5
     measured = np.isfinite(loads.measured_mm).sum(axis=1)
-    each = [fit(nominal, loads.without(index), kinds, rounds=2).log_evidence for index in range(len(measured))]
-    return float((np.array(each) - anything * measured).max())
+    log_evidences = [fit(nominal, loads.without(index), kinds, rounds=2).log_evidence for index in range(len(measured))]
+    return float((np.array(log_evidences) - anything * measured).max())
 
 
 def in_words(found: Fit, kind: str, names: list[str]) -> str:

@@ -95,9 +95,9 @@ def fit(
         freedom = max(1.0, measured - float(np.einsum("lcv,vw,lcw->", weighed, own, weighed)))
         errors = _likely_errors(residuals, loads.errors, errors, freedom)
     whitening, as_stated = residuals.whitening(errors), residuals.whitening(loads.errors)
-    weighed, left = whitening @ slopes, residuals.left_mm[..., None]
+    weighed, residual_mm = whitening @ slopes, residuals.left_mm[..., None]
     own = _covariance(weighed, about[free])
-    left_out = np.linalg.solve(whitening, leave_out((whitening @ left)[..., 0], weighed, own)[..., None])
+    left_out = np.linalg.solve(whitening, leave_out((whitening @ residual_mm)[..., 0], weighed, own)[..., None])
     covariance = np.zeros((session.size, session.size))
     covariance[np.ix_(free, free)] = own
     return Fit(
@@ -107,7 +107,7 @@ def fit(
         covariance,
         session,
         errors,
-        scatter=float(np.sqrt(((as_stated @ left) ** 2).sum() / freedom)),
+        scatter=float(np.sqrt(((as_stated @ residual_mm) ** 2).sum() / freedom)),
         freedom=freedom,
         left_out_mm=np.where(residuals.is_measured, left_out[..., 0], np.nan),
         log_evidence=_log_evidence(whitening, residuals, vector, own, loads.errors, errors),
@@ -123,13 +123,13 @@ def _log_evidence(
     It is that of all departures that their priors allow (Laplace's approximation; MacKay 1992, doi
     10.1162/neco.1992.4.3.415), so departures that gain little cost more than they bring.
     """
-    left = (whitening @ residuals.left_mm[..., None])[..., 0]
+    whitened = (whitening @ residuals.left_mm[..., None])[..., 0]
     _, log_weights = np.linalg.slogdet(whitening)
     _, log_volume = np.linalg.slogdet(covariance)
-    fitted, stated = (some.along(residuals.moved_mm) ** 2 for some in (errors, about))
+    fitted, stated = (sizes.along(residuals.moved_mm) ** 2 for sizes in (errors, about))
     safe = np.maximum(fitted, np.finfo(np.float64).tiny)
     of_errors = -PSEUDO_LOADS / 2 * float((stated / safe + np.log(safe)).sum())
-    return float(log_weights.sum() - ((left**2).sum() + vector @ vector - log_volume) / 2) + of_errors
+    return float(log_weights.sum() - ((whitened**2).sum() + vector @ vector - log_volume) / 2) + of_errors
 
 
 def _covariance(weighed: Floats, about: Floats) -> Floats:
@@ -144,8 +144,8 @@ def _solve(session: Session, kinds: tuple[str, ...], about: Floats, vector: Floa
 
     def price(vector: Floats) -> float:
         residuals = session.residuals(vector)
-        left = whitening @ residuals.left_mm[..., None]
-        price = float((left**2).sum() + ((vector[free] / about[free]) ** 2).sum())
+        whitened = whitening @ residuals.left_mm[..., None]
+        price = float((whitened**2).sum() + ((vector[free] / about[free]) ** 2).sum())
         # Where the curve of a sensor turns back, what it shows has no bounds.
         is_possible = np.isfinite(price) and np.abs(residuals.moved_mm).max() < BEYOND_MM
         return price if is_possible else np.inf
@@ -153,8 +153,8 @@ def _solve(session: Session, kinds: tuple[str, ...], about: Floats, vector: Floa
     here = price(vector)
     for _ in range(STEPS if len(free) else 0):
         weighed = whitening @ session.slopes(vector, kinds)[..., free]
-        left = (whitening @ session.residuals(vector).left_mm[..., None])[..., 0]
-        step, _ = best_step(weighed, left, vector[free], about[free], (low - vector[free], high - vector[free]))
+        whitened = (whitening @ session.residuals(vector).left_mm[..., None])[..., 0]
+        step, _ = best_step(weighed, whitened, vector[free], about[free], (low - vector[free], high - vector[free]))
         # Far from the truth, as with a wrong wiring, a whole step may lead to a worse place.
         for _ in range(HALVINGS):
             nearer = vector.copy()
@@ -179,13 +179,13 @@ def _likely_errors(residuals: Residuals, about: LoadErrors, start: LoadErrors, f
     """
     is_measured, noise_mm = residuals.is_measured, residuals.noise_mm
     share = freedom / is_measured.sum()
-    moved, left = np.moveaxis(residuals.moved_mm, 0, 2), residuals.left_mm[..., None]
+    moved, residual_mm = np.moveaxis(residuals.moved_mm, 0, 2), residuals.left_mm[..., None]
     prior = about.along(residuals.moved_mm) ** 2
     variance = np.array(astuple(start)) ** 2
     variance[2] = max(variance[2], float((noise_mm[is_measured] ** 2).mean()))
     for _ in range(UPDATES):
         inverse = np.linalg.inv(residuals.covariance_mm2(LoadErrors(*np.sqrt(variance).tolist())))
-        pulled = inverse @ left
+        pulled = inverse @ residual_mm
         pulls = ((moved.transpose(0, 2, 1) @ pulled) ** 2).sum(axis=(0, 2))
         traces = share * (moved * (inverse @ moved)).sum(axis=(0, 1))
         safe = np.maximum(variance[:2], np.finfo(np.float64).tiny)

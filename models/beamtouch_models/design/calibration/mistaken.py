@@ -84,7 +84,7 @@ def _rank(
     for number, group in enumerate(groups):
         progress(number / len(groups))
         scatters.append(_fit_without(nominal, loads, group, rounds=1).scatter)
-    return sorted(zip(scatters, groups, strict=True), key=lambda one: one[0])
+    return sorted(zip(scatters, groups, strict=True), key=lambda ranked: ranked[0])
 
 
 def _fit_without(nominal: NominalSurface, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> Fit:

@@ -118,14 +118,14 @@ class NominalSurface:
         """Return the vector that encodes departures."""
         values = {kind: _values(departures, kind) for kind in self._places}
         return np.concatenate(
-            [(np.log(one) if kind in FACTORS else one) / self._units[kind] for kind, one in values.items()]
+            [(np.log(entries) if kind in FACTORS else entries) / self._units[kind] for kind, entries in values.items()]
         )
 
     def standard_errors(self, vector: Floats, spread: Floats) -> dict[str, Floats]:
         """Return standard errors by kind, in the units of the departures, from those of the vector."""
-        near, at = self.departures(vector + STEP), self.departures(vector)
+        near, departures = self.departures(vector + STEP), self.departures(vector)
         return {
-            kind: np.abs(_values(near, kind) - _values(at, kind)) / STEP * spread[part]
+            kind: np.abs(_values(near, kind) - _values(departures, kind)) / STEP * spread[part]
             for kind, part in self.kinds.items()
         }
 

@@ -122,8 +122,8 @@ class _Line:
         try:
             return float(cell)
         except ValueError:
-            stated = f"states {cell!r}, which is not a number" if cell else "is empty"
-            raise RecordingError(f"line {self.number}: {column} {stated}; write 12.5, without a unit") from None
+            fault = f"states {cell!r}, which is not a number" if cell else "is empty"
+            raise RecordingError(f"line {self.number}: {column} {fault}; write 12.5, without a unit") from None
 
     def load(self) -> int:
         """Return the number of the load; raises RecordingError if it is no whole number."""
@@ -171,9 +171,9 @@ def _averaged(rows: list[_Line], channels: list[str], metadata: Metadata) -> Loa
             f"by {digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
         )
     loads = np.unique(number)
-    each = [np.flatnonzero(number == load) for load in loads]
+    rows_of_loads = [np.flatnonzero(number == load) for load in loads]
     for name, values in (("position_mm", position), ("force_n", force)):
-        for load, own in zip(loads, each, strict=True):
+        for load, own in zip(loads, rows_of_loads, strict=True):
             said = values[own[0]]
             differs = own[(values[own] != said) & ~np.isnan(said)]
             if len(differs):
@@ -181,13 +181,15 @@ def _averaged(rows: list[_Line], channels: list[str], metadata: Metadata) -> Loa
                     f"load {load} has a {name} of {said:g} in line {line[own[0]]} and of {values[differs[0]]:g} in "
                     f"line {line[differs[0]]}; give each load a number of its own"
                 )
-    good = np.array([np.isfinite(measured[own]).sum(axis=0) for own in each])
-    sums = np.array([np.nansum(measured[own], axis=0) for own in each])
+    good = np.array([np.isfinite(measured[own]).sum(axis=0) for own in rows_of_loads])
+    sums = np.array([np.nansum(measured[own], axis=0) for own in rows_of_loads])
     mean = np.where(good >= MIN_SAMPLES, sums / np.maximum(good, 1), np.nan)
     # Samples of a moving average share readings, so their mean is only as good as that of as many readings.
     deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
-    ends = np.array([(own[0], own[-1]) for own in each])
-    return Loads(loads, position[ends[:, 0]], force[ends[:, 0]], mean, deviation, line[ends], _minutes(rows, each))
+    ends = np.array([(own[0], own[-1]) for own in rows_of_loads])
+    return Loads(
+        loads, position[ends[:, 0]], force[ends[:, 0]], mean, deviation, line[ends], _minutes(rows, rows_of_loads)
+    )
 
 
 def _minutes(rows: list[_Line], each: list[Indices]) -> Floats:

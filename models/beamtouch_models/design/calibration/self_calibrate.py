@@ -69,10 +69,10 @@ def self_calibrate(
         The contacts are too few or too close together to determine a fit, are not single contacts, show that the beam
         itself is not as modelled, or leave a gain less well known than a scene may state it; the message says which.
     """
-    metadata, found = model.metadata, self_fit(model, contacts, progress)
-    prior, calibration = calibrated_prior(metadata, found)
+    metadata, fit = model.metadata, self_fit(model, contacts, progress)
+    prior, calibration = calibrated_prior(metadata, fit)
     content, fresh = rebuilt(metadata, prior, calibration, progress, effort)
-    return SelfCalibrated(content, fresh, found)
+    return SelfCalibrated(content, fresh, fit)
 
 
 def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfFit:
@@ -93,14 +93,14 @@ def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress)
     covariance = fit.covariance
     if "fixity" in nominal.kinds:
         progress("looking for another beam", 0.3)
-        other = fit_contacts(nominal, start, contacts, (*KINDS, "fixity"), zero_mm, like=fit)
-        _check_beam(fit, other)
+        with_fixity = fit_contacts(nominal, start, contacts, (*KINDS, "fixity"), zero_mm, like=fit)
+        _check_beam(fit, with_fixity)
         # A fixity that is too small to be seen leaves its share of the error.
-        covariance = other.covariance
+        covariance = with_fixity.covariance
     noise_mm = np.hypot(metadata.noise.sample_mm, zero_mm)
     _check_determined(fit, measure_remaining(fit, fit.covariance, noise_mm), gain)
     before, after = (locate(nominal, vector, contacts, zero_mm).residuals for vector in (start, fit.vector))
-    misfits = (float(np.median(one.misfit(nominal.contact_errors))) for one in (before, after))
+    misfits = (float(np.median(residuals.misfit(nominal.contact_errors))) for residuals in (before, after))
     remaining = measure_remaining(fit, covariance, noise_mm)
     _check_gains(metadata, remaining, len(contacts))
     return SelfFit(fit, remaining, *misfits)
@@ -153,10 +153,14 @@ def _check_contacts(nominal: NominalSurface, count: int) -> None:
 
 def _check_single(fit: ContactFit, max_error: float) -> None:
     """Raise NotGoodEnoughError if contacts do not fit this surface; a relative error of `max_error` is allowed."""
-    other = 1 - float(fit.single.mean())
-    if other > MAX_NOT_SINGLE or fit.left_error > max_error:
-        left = f"{fit.left_error:.1%} of the deflections remain unexplained"
-        shown = f"{other:.0%} of them are no single contacts on this beam" if other > MAX_NOT_SINGLE else left
+    not_single = 1 - float(fit.single.mean())
+    if not_single > MAX_NOT_SINGLE or fit.left_error > max_error:
+        unexplained = f"{fit.left_error:.1%} of the deflections remain unexplained"
+        shown = (
+            f"{not_single:.0%} of them are no single contacts on this beam"
+            if not_single > MAX_NOT_SINGLE
+            else unexplained
+        )
         raise _refuse(
             f"the contacts do not fit this model's surface: at best, {shown}. Check that file and model belong "
             "together, and that the order of the sensors and the beam are as modelled"

@@ -44,7 +44,11 @@ class Session:
     def kinds(self) -> dict[str, slice]:
         """All kinds with their places in the vector, which has units of their plausible sizes."""
         kinds, begin, channels = self.nominal.kinds.copy(), self.nominal.size, self.nominal.prior.channels
-        for kind, size in (DRIFTING, channels), (WEIGHT, 1), *((bend_of(one), BENDS) for one in range(channels)):
+        for kind, size in (
+            (DRIFTING, channels),
+            (WEIGHT, 1),
+            *((bend_of(channel), BENDS) for channel in range(channels)),
+        ):
             kinds[kind] = slice(begin, begin + size)
             begin += size
         return kinds
@@ -99,7 +103,11 @@ class Session:
     def bends_mm(self, vector: Floats) -> Floats:
         """Return what the own bends of the channels take off their deflections (loads, channels)."""
         return np.stack(
-            [self._bend_units_mm[:, :, one] @ vector[self.kinds[bend_of(one)]] for one in range(self._channels)], axis=1
+            [
+                self._bend_units_mm[:, :, channel] @ vector[self.kinds[bend_of(channel)]]
+                for channel in range(self._channels)
+            ],
+            axis=1,
         )
 
     def residuals(self, vector: Floats) -> Residuals:

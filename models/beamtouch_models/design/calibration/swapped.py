@@ -39,22 +39,22 @@ def swapped(nominal: NominalSurface, loads: Loads, names: list[str]) -> str | No
     asis = fit(nominal, loads, kinds)
     if asis.errors.residual_mm <= POOR_NOISES * nominal.prior.errors.noise_mm:
         return None
-    trials = [(fit(nominal, other, kinds).scatter, message) for message, other in _swaps(nominal, loads, names)]
+    trials = [(fit(nominal, corrected, kinds).scatter, message) for message, corrected in _swaps(nominal, loads, names)]
     scatter, message = min(trials, default=(np.inf, ""))
     if BETTER * scatter < asis.scatter:
         return message
     moved_mm, from_zeros = _from_own_zeros(nominal, loads)
     rezeroed = fit(nominal, from_zeros, kinds).scatter
     trials = [
-        (fit(nominal, _from_own_zeros(nominal, other)[1], kinds).scatter, message)
-        for message, other in _swaps(nominal, loads, names)
+        (fit(nominal, _from_own_zeros(nominal, corrected)[1], kinds).scatter, message)
+        for message, corrected in _swaps(nominal, loads, names)
     ]
     scatter, message = min(trials, default=(np.inf, ""))
     if BETTER * scatter < min(asis.scatter, rezeroed):
         return f"{message}; the zeros have moved, too, so {SINCE_THE_TARE}"
     if BETTER * rezeroed < asis.scatter and rezeroed <= AGREED:
         far = np.flatnonzero(np.abs(moved_mm) > POOR_NOISES * nominal.prior.errors.noise_mm).tolist()
-        told = ", ".join(f"{names[one]} by {digits(float(moved_mm[one]), 2)} mm" for one in far)
+        told = ", ".join(f"{names[channel]} by {digits(float(moved_mm[channel]), 2)} mm" for channel in far)
         return f"zeros have moved since the tare: {told}; {SINCE_THE_TARE}; nothing was written" if told else None
     return None
 

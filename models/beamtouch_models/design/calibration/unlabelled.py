@@ -127,29 +127,30 @@ def fit_contacts(
     if like is not None:
         vector, size, left_error, share = like.vector, like.size, like.left_error, 0.1
     for _ in range(ROUNDS):
-        at = locate(nominal, vector, contacts, zero_mm, left_error)
-        single = single_contact(at.residuals.misfit(errors), degrees, share) * (at.force_n > 0)
-        slopes = nominal.slopes(vector, at.place_mm, at.force_n, kinds)[..., free]
+        located = locate(nominal, vector, contacts, zero_mm, left_error)
+        single = single_contact(located.residuals.misfit(errors), degrees, share) * (located.force_n > 0)
+        slopes = nominal.slopes(vector, located.place_mm, located.force_n, kinds)[..., free]
         about = np.maximum(np.where(sized, size, zeros[free]), MIN_SIZE**2)
-        whitening = np.sqrt(single)[:, None, None] * at.residuals.whitening(errors)
-        weighed, left = whitening @ slopes, (whitening @ at.residuals.left_mm[..., None])[..., 0]
+        whitening = np.sqrt(single)[:, None, None] * located.residuals.whitening(errors)
+        weighed, whitened = whitening @ slopes, (whitening @ located.residuals.left_mm[..., None])[..., 0]
         room = bounds[0] - vector[free], bounds[1] - vector[free]
-        step, covariance = best_step(weighed, left, (vector - start)[free], about, room)
+        step, covariance = best_step(weighed, whitened, (vector - start)[free], about, room)
         vector = vector.copy()
         vector[free] += step
         used = len(free) - float((np.diag(covariance) / about**2).sum())
-        moved = replace(at.residuals, left_mm=at.residuals.left_mm - slopes @ step)
+        moved = replace(located.residuals, left_mm=located.residuals.left_mm - slopes @ step)
         per_contact = degrees - used / max(single.sum(), 1.0)
         left_error = _left_error(nominal, contacts, zero_mm, moved, single, per_contact)
         squares = ((vector - start)[free] ** 2 + np.diag(covariance))[sized]
         size = float(np.clip(np.sqrt(squares.mean()), MIN_SIZE, MAX_SIZE))
         share = float(np.clip(1 - single.mean(), *SHARES))
-    at = locate(nominal, vector, contacts, zero_mm, left_error)
-    whole = nominal.covariance_of(kinds, covariance)
+    located = locate(nominal, vector, contacts, zero_mm, left_error)
+    full_covariance = nominal.covariance_of(kinds, covariance)
     penalty = float((((vector - start)[free] / about) ** 2).sum())
-    misfit = at.residuals.misfit(errors)
+    misfit = located.residuals.misfit(errors)
+    position = located.place_mm[:, 0]
     return ContactFit(
-        nominal, kinds, vector, whole, start, size, left_error, at.place_mm[:, 0], single, misfit, penalty
+        nominal, kinds, vector, full_covariance, start, size, left_error, position, single, misfit, penalty
     )
 
 
@@ -202,8 +203,8 @@ class RemainingUncertainty:
 
 def stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
     """Return the standard deviation (places,) of the position that a floor of the gains (channels,) states."""
-    stated: Floats = np.linalg.norm(per_gain_mm * gain, axis=1)
-    return stated
+    deviation_mm: Floats = np.linalg.norm(per_gain_mm * gain, axis=1)
+    return deviation_mm
 
 
 def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> RemainingUncertainty:
@@ -233,9 +234,9 @@ def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> 
     weights = np.linalg.pinv(np.moveaxis(along, 0, 2) / deviation[..., None])[:, 0] / deviation
     moves = np.einsum("lc,lcv->lv", weights, slopes)
     open_mm = np.sqrt(np.einsum("lv,vw,lw->l", moves, covariance, moves))
-    each = np.sqrt((spread / np.maximum(clean**2, np.finfo(np.float64).tiny)).mean(axis=0))
-    each = np.maximum(each, MIN_GAIN)
-    factor = float(np.quantile(open_mm / stated_mm(weights * clean, each), ENOUGH))
-    floor = np.maximum(np.hypot(factor * each, fit.left_error), MIN_GAIN)
+    gain_error = np.sqrt((spread / np.maximum(clean**2, np.finfo(np.float64).tiny)).mean(axis=0))
+    gain_error = np.maximum(gain_error, MIN_GAIN)
+    factor = float(np.quantile(open_mm / stated_mm(weights * clean, gain_error), ENOUGH))
+    floor = np.maximum(np.hypot(factor * gain_error, fit.left_error), MIN_GAIN)
     shift_mm = float(np.sqrt(((moves @ (fit.vector - fit.start)) ** 2).mean()))
     return RemainingUncertainty(open_mm, shift_mm, weights * clean, relative, floor)

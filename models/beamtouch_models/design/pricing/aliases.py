@@ -63,7 +63,7 @@ def aliased_modes(scene: Scene, reading_mm: float) -> tuple[tuple[Aliased, ...],
         LEAST_CYCLES / np.maximum(seen_hz, 1e-9), np.log(np.maximum(swing_mm / reading_mm, 1.0)) / fall_per_s
     )
     unseen = np.flatnonzero((swing_mm > reading_mm) & (lasts_s > STILL_S))
-    found = tuple(
+    aliased = tuple(
         Aliased(
             mode=int(mode) + 1,
             frequency_hz=float(frequency_hz[mode]),
@@ -74,7 +74,7 @@ def aliased_modes(scene: Scene, reading_mm: float) -> tuple[tuple[Aliased, ...],
         )
         for mode in unseen
     )
-    return found, _better_hz(frequency_hz, swing_mm, rate_hz) if found else None
+    return aliased, _better_hz(frequency_hz, swing_mm, rate_hz) if aliased else None
 
 
 def unseen_swing(scene: Scene, reading_mm: float) -> float:
@@ -84,7 +84,7 @@ def unseen_swing(scene: Scene, reading_mm: float) -> float:
 
 def unseen_of(aliased: Sequence[Aliased]) -> float:
     """Return the same for the modes that seem to stand still."""
-    return min(1.0, LEAST_UNSEEN + USUAL * sum(one.share for one in aliased))
+    return min(1.0, LEAST_UNSEEN + USUAL * sum(mode.share for mode in aliased))
 
 
 def at_rate(scene: Scene, rate_hz: float) -> Scene:

@@ -89,7 +89,9 @@ class Pricing:
 
     def price(self, having: Scene, lacking: Scene) -> float:
         """Return the largest difference in deflection between two scenes, in units of the noise."""
-        deflection = [self.stated_mm if one is self.scene else self._under_force_mm(one) for one in (having, lacking)]
+        deflection = [
+            self.stated_mm if scene is self.scene else self._under_force_mm(scene) for scene in (having, lacking)
+        ]
         return self.in_noise(deflection[0] - deflection[1])
 
     def in_noise(self, deflection_mm: Floats) -> float:
@@ -171,7 +173,7 @@ def _overhang(pricing: Pricing) -> Effect:
     places = [support.at_mm for support in supports]
     if len(places) < 2 or (places[0] == 0 and places[-1] == scene.beam.length_mm):
         return Effect("overhang", 0.0, "out", "no overhang")
-    off_loads, off_sensors = ((at < places[0]) | (at > places[-1]) for at in (pricing.load_mm, pricing.sensor_mm))
+    off_loads, off_sensors = ((mm < places[0]) | (mm > places[-1]) for mm in (pricing.load_mm, pricing.sensor_mm))
     price = pricing.in_noise(pricing.stated_mm[off_loads[:, None] | off_sensors])
     if price == 0:
         return Effect("overhang", 0.0, "out", "no load or sensor on an overhang")
@@ -223,16 +225,17 @@ def _dynamics(pricing: Pricing) -> Effect:
 
 def _gain_error(pricing: Pricing) -> Effect:
     gain = pricing.readings.gain
-    stated = "" if pricing.scene.sensors.gain_error_percent is not None else ", as the scene states none"
-    left = f"calibration leaves an error of {digits(100 * gain, 3)} % of the deflection"
-    reason = f"{left}{stated}; it never averages away"
+    remark = "" if pricing.scene.sensors.gain_error_percent is not None else ", as the scene states none"
+    reason = (
+        f"calibration leaves an error of {digits(100 * gain, 3)} % of the deflection{remark}; it never averages away"
+    )
     return Effect("gain error", gain * pricing.price_of_all, "floor", reason)
 
 
 def _zero_drift(pricing: Pricing) -> Effect:
     zero_mm = pricing.readings.zero_mm
-    stated = "" if pricing.scene.sensors.zero_drift_mm is not None else ", as the scene states none"
-    reason = f"{digits(1000 * zero_mm, 3)} um since the last tare{stated}; it never averages away"
+    remark = "" if pricing.scene.sensors.zero_drift_mm is not None else ", as the scene states none"
+    reason = f"{digits(1000 * zero_mm, 3)} um since the last tare{remark}; it never averages away"
     return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
 
 
@@ -241,9 +244,9 @@ def _drift_under_a_load(pricing: Pricing) -> Effect:
     name, rate_mm = "drift in a minute", pricing.readings.drift_mm_per_min
     if rate_mm == 0:
         return Effect(name, 0.0, "out", "the scene states that zeros do not drift")
-    stated = "" if pricing.scene.environment.drift_um_per_min is not None else ", as the scene states none"
+    remark = "" if pricing.scene.environment.drift_um_per_min is not None else ", as the scene states none"
     reason = (
-        f"zeros drift by {digits(1000 * rate_mm, 3)} um a minute together{stated}, each by itself by {OWN:g} times "
+        f"zeros drift by {digits(1000 * rate_mm, 3)} um a minute together{remark}, each by itself by {OWN:g} times "
         "that; the daemon follows at each rest, and the intervals of a contact widen with its length"
     )
     return Effect(name, pricing.in_noise(np.array([OWN * rate_mm])), "floor", reason)
@@ -287,27 +290,27 @@ def _expansion(pricing: Pricing) -> Effect:
     holding, range_k = holding_mm(scene.beam), scene.environment.temperature_range_k
     if len(holding) < 2:
         return Effect(name, 0.0, "out", "the beam can lengthen: at most one support holds it lengthwise")
-    found = held(scene.beam)
-    if found is None:
+    restrained = held(scene.beam)
+    if restrained is None:
         return Effect(name, None, "not stated", "give beam.material or expansion_um_per_m_k, and thickness_mm")
-    buckles = f"it buckles {digits(found.buckles_k, 3)} K above its mounting"
+    buckles = f"it buckles {digits(restrained.buckles_k, 3)} K above its mounting"
     where = f"held at {holding[0]:g} and {holding[-1]:g} mm, {buckles}"
     if range_k is None:
         return Effect(name, None, "not stated", f"give environment.temperature_range_k; {where}")
-    if range_k[1] >= found.buckles_k:
+    if range_k[1] >= restrained.buckles_k:
         raise SceneError(
             f"environment.temperature_range_k: {range_k[1]:g} K above its mounting the beam buckles, as it is held at "
-            f"{holding[0]:g} and {holding[-1]:g} mm and bears {digits(found.buckles_k, 3)} K; let one support "
+            f"{holding[0]:g} and {holding[-1]:g} mm and bears {digits(restrained.buckles_k, 3)} K; let one support "
             "slide (slides = true), or mount it warmer"
         )
-    change = [found.change(one_k) for one_k in range_k]
+    change = [restrained.change(one_k) for one_k in range_k]
     price = pricing.price_of_all * max(map(abs, change))
-    forces = "..".join(digits(found.force_n_per_k * one_k, 3) for one_k in range_k)
-    percent = "..".join(f"{100 * one:+.2g}" for one in change)
+    forces = "..".join(digits(restrained.force_n_per_k * one_k, 3) for one_k in range_k)
+    percent = "..".join(f"{100 * share:+.2g}" for share in change)
     reason = f"{where}; {forces} N of compression change the largest deflection by {percent} %"
     if price < NEGLIGIBLE:
         return Effect(name, price, "out", reason)
-    if range_k[1] > NEAR * found.buckles_k:
+    if range_k[1] > NEAR * restrained.buckles_k:
         reason += "; buckling is near, so let one support slide"
     return Effect(name, price, "not modelled", reason, scene)
 
@@ -361,8 +364,8 @@ def effects_of(scene: Scene, chosen: FilterChoice, readings: ReadingErrors, allo
     SceneError
         The scene cannot be computed, or its noise, which must not be 0, is too small to price effects in.
     """
-    at = np.linspace(0, len(allowed_mm) - 1, min(len(allowed_mm), MAX_POSITIONS)).round().astype(np.intp)
-    pricing = Pricing(scene, chosen, readings, allowed_mm[at])
+    indices = np.linspace(0, len(allowed_mm) - 1, min(len(allowed_mm), MAX_POSITIONS)).round().astype(np.intp)
+    pricing = Pricing(scene, chosen, readings, allowed_mm[indices])
     return _include_too_many([price(pricing) for price in EFFECTS])
 
 

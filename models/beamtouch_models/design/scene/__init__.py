@@ -145,11 +145,11 @@ def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
         It is no scene any more; the message names the key.
     """
     require(scene, Scene, "scene", "what read_scene or make_scene returns")
-    stated = scene.model_dump(exclude_unset=True)
+    changed = scene.model_dump(exclude_unset=True)
     for name, values in tables.items():
         require(values, Mapping, name, "a table, as a dict of its keys")
-        stated[name] = {**stated.get(name, {}), **values}
-    return make_scene(**_without_none(stated))
+        changed[name] = {**changed.get(name, {}), **values}
+    return make_scene(**_without_none(changed))
 
 
 def format_scene(scene: Scene) -> str:
@@ -174,7 +174,7 @@ def _without_none(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str
 def _toml(value: object) -> str:
     """Return a value as TOML; its numbers, texts, truth values and lists are those of JSON."""
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_toml(one)}' for key, one in value.items() if one is not None)} }}"
+        return f"{{ {', '.join(f'{key} = {_toml(item)}' for key, item in value.items() if item is not None)} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     return json.dumps(value)

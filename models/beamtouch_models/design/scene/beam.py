@@ -280,11 +280,15 @@ def identity_of(beam: Beam, sensors_mm: Mapping[str, float]) -> str:
     order of the channels has none either, because samples name them. Six digits of each number count.
     """
     shear = beam.shear_modulus_gpa
-    stated = {
+    facts = {
         "length_mm": _text(beam.length_mm),
         "sections": [
-            [_text(one.to_mm), _text(one.rigidity_n_mm2), _text(one.area_mm2 if shear is not None else None)]
-            for one in beam.sections
+            [
+                _text(section.to_mm),
+                _text(section.rigidity_n_mm2),
+                _text(section.area_mm2 if shear is not None else None),
+            ]
+            for section in beam.sections
         ],
         "shear_modulus_gpa": _text(shear),
         "foundation_n_mm2": _text(beam.foundation_n_mm2),
@@ -295,7 +299,7 @@ def identity_of(beam: Beam, sensors_mm: Mapping[str, float]) -> str:
         ],
         "sensors_mm": {name: _text(position_mm) for name, position_mm in sensors_mm.items()},
     }
-    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:DIGITS]
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:DIGITS]
 
 
 def _text(number: float | None) -> str:

@@ -82,22 +82,22 @@ def taken_mm(beam: Beam, sensors: Sensors) -> Iterator[tuple[str, float, float]]
     near = ROUNDING * length
     yield "reaches beyond the end of the beam at 0 mm", -math.inf, half - near
     yield f"reaches beyond the end of the beam at {length:g} mm", length - half + near, math.inf
-    for at in beam.held_mm:
+    for support_mm in beam.held_mm:
         beside = max(half - near, near)  # nothing moves at a support: no point stands there either
-        yield f"stands on the support at {at:g} mm", at - beside, at + beside
+        yield f"stands on the support at {support_mm:g} mm", support_mm - beside, support_mm + beside
     for start, end in sensors.keep_out_mm:
         yield f"reaches into [{start:g}, {end:g}] of keep_out_mm", start - half + near, end + half - near
 
 
 def _in_metres(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
     """Yield what to write for each list whose places, all next to the left end, are on the beam if they are metres."""
-    stated: dict[str, list[float]] = {
-        "beam.supports: at_mm": [] if isinstance(beam.supports, str) else [one.at_mm for one in beam.supports],
+    places_by_key: dict[str, list[float]] = {
+        "beam.supports: at_mm": [] if isinstance(beam.supports, str) else [support.at_mm for support in beam.supports],
         "contact.position_mm": list(contact.position_mm),
         "sensors.fixed_mm": sensors.fixed_mm,
         **{f"sensors.keep_out_mm[{i}]": list(stretch) for i, stretch in enumerate(sensors.keep_out_mm)},
     }
-    for key, places in stated.items():
+    for key, places in places_by_key.items():
         if 0 < max(places, default=0) <= beam.length_mm / MM_PER_M:
             given, right = (", ".join(f"{times * place:g}" for place in places) for times in (1, MM_PER_M))
             yield f"{key} = [{given}] is next to the left end of the beam; if it is in metres, write [{right}]"
@@ -111,7 +111,9 @@ def in_other_units(beam: Beam) -> Iterator[str]:
 
 def _sizes(beam: Beam) -> Iterator[str]:
     sections = [("beam", beam.width_mm, beam.thickness_mm)]
-    sections += [(f"beam.segments[{i}]", one.width_mm, one.thickness_mm) for i, one in enumerate(beam.segments)]
+    sections += [
+        (f"beam.segments[{i}]", segment.width_mm, segment.thickness_mm) for i, segment in enumerate(beam.segments)
+    ]
     sizes: list[tuple[str, float | None, float, float]] = [("beam.length_mm", beam.length_mm, SHORTEST_MM, 1.0)]
     for name, width_mm, thickness_mm in sections:
         sizes.append((f"{name}.width_mm", width_mm, NARROWEST_MM, WIDEST))

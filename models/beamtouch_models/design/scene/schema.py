@@ -18,22 +18,22 @@ def editor_schema(model: type[BaseModel], title: str) -> Schema:
 
 def _without_null(part: Any) -> Any:  # noqa: ANN401  # any JSON value
     if isinstance(part, list):
-        return [_without_null(one) for one in part]
+        return [_without_null(item) for item in part]
     if not isinstance(part, dict):
         return part
-    kept = {
-        name: {key: _without_null(one) for key, one in value.items()}
+    cleaned = {
+        name: {key: _without_null(schema) for key, schema in value.items()}
         if name in ("properties", "$defs")
         else _without_null(value)
         for name, value in part.items()
         if not (name == "title" and isinstance(value, str))
         and not (name == "default" and (value is None or isinstance(value, dict)))
     }
-    choices = [one for one in kept.get("anyOf", []) if one != {"type": "null"}]
-    if len(choices) == 1 and "anyOf" in kept:
-        del kept["anyOf"]
-        return choices[0] | kept
-    return kept | ({"anyOf": choices} if choices else {})
+    choices = [choice for choice in cleaned.get("anyOf", []) if choice != {"type": "null"}]
+    if len(choices) == 1 and "anyOf" in cleaned:
+        del cleaned["anyOf"]
+        return choices[0] | cleaned
+    return cleaned | ({"anyOf": choices} if choices else {})
 
 
 def scene_schema() -> Schema:

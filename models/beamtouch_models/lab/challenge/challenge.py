@@ -104,12 +104,12 @@ def challenge(
         The scene in the model cannot be computed.
     """
     _, _, cases = _challenged(content)
-    found: list[Row] = []
+    all_rows: list[Row] = []
     progress(f"case 1 of {len(cases)}", 0.0)
     for number, rows in enumerate(spread(partial(_rows, content, draws, seed), range(len(cases))), 1):
-        found += rows
+        all_rows += rows
         progress(f"case {min(number + 1, len(cases))} of {len(cases)}", number / len(cases))
-    return sorted(found, key=lambda row: not row.honest)
+    return sorted(all_rows, key=lambda row: not row.honest)
 
 
 @lru_cache(maxsize=1)
@@ -138,18 +138,18 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
     verdicts = judge(surface, model.run, readings, first, lost=play.lost)
     # The rate of false misfits of single samples is that of the test that knows what happened.
     alpha = float(chdtrc(left_by_contact(surface.channels), surface.metadata.thresholds.misfit[-1]))
-    found = []
+    rows = []
     for name in dict.fromkeys(name for name, _ in play.rows):
-        at = [reading for other, reading in play.rows if other == name]
-        part, truth = verdicts.at(at), play.truth_mm[:, at].ravel()
+        scored_readings = [reading for row_name, reading in play.rows if row_name == name]
+        part, truth = verdicts.at(scored_readings), play.truth_mm[:, scored_readings].ravel()
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet)
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=power_of_shift(distances(surface, play.fault_mm, part.valid), alpha))
-        found.append(row)
+        rows.append(row)
     if play.again:
-        return found
+        return rows
     felt = verdicts.outcome if play.crosses is None else verdicts.outcome[~play.crosses]
-    return [*found[:-1], replace(found[-1], ghosts=ghosts(felt) if len(felt) else None, plays=len(felt))]
+    return [*rows[:-1], replace(rows[-1], ghosts=ghosts(felt) if len(felt) else None, plays=len(felt))]
 
 
 def scored(name: str, verdicts: Verdicts, truth_mm: Floats, *, honest: bool, quiet: bool = False) -> Row:
@@ -217,25 +217,25 @@ def _share(happened: Bools, among: Bools) -> float | None:
 
 def misses(row: Row) -> list[str]:
     """Return the goals that a row misses by more than chance explains, each in a few words."""
-    found = []
+    missed = []
     if row.honest:
         if _exceeds(row.misleading, row.samples, MISLEADING):
-            found.append(f"misleading {row.misleading:.1%}")
+            missed.append(f"misleading {row.misleading:.1%}")
         if row.ghosts is not None and _exceeds(row.ghosts, row.plays, GHOSTS):
-            found.append(f"ghosts {row.ghosts:.1%}")
+            missed.append(f"ghosts {row.ghosts:.1%}")
         for share, number, goal, when in (
             (row.held, row.plain, HELD, ""),
             (row.held_unsteady, row.unsteady, HELD_UNSTEADY, " when unsteady"),
         ):
             if share is not None and _exceeds(1 - share, number, 1 - goal):
-                found.append(f"held {share:.0%}{when}")
+                missed.append(f"held {share:.0%}{when}")
         if row.quiet and _exceeds(row.noted, row.samples, NOTED):
-            found.append(f"noted {row.noted:.1%}")
-        return found
+            missed.append(f"noted {row.noted:.1%}")
+        return missed
     power, noticed = row.power or 0.0, row.noticed or 0.0
     if power > LIKELY and _exceeds(1 - noticed, row.samples, 1 - NOTICED * power):
-        found.append(f"noticed {noticed:.0%} of {power:.0%}")
-    return found
+        missed.append(f"noticed {noticed:.0%} of {power:.0%}")
+    return missed
 
 
 def _exceeds(share: float, number: int, goal: float) -> bool:

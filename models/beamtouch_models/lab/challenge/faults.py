@@ -105,8 +105,8 @@ def two_at_the_quarters(at: DrawnContacts) -> Play:
     low, high = at.surface.metadata.ranges.position_mm
     force_n = AT_THE_QUARTERS * at.surface.metadata.ranges.force_n[1]
     places = low + np.array([0.25, 0.75]) * (high - low)
-    both = at.surface.world.under(places, np.full(2, force_n)).sum(axis=0)
-    return _fault(at, "two contacts at the quarters", np.tile(both, (at.draws, 1)))
+    deflection_mm = at.surface.world.under(places, np.full(2, force_n)).sum(axis=0)
+    return _fault(at, "two contacts at the quarters", np.tile(deflection_mm, (at.draws, 1)))
 
 
 def distributed(at: DrawnContacts, *, part: float) -> Play:
@@ -158,6 +158,6 @@ def places_off(at: DrawnContacts) -> Play:
     """Return contacts on sensors that are mounted beside their positions."""
     world, width_mm = at.surface.world, at.surface.scene.contact.width_mm
     sensors_mm = np.clip(world.sensor_mm + OFF_MM * _normal(at), 0.0, world.beam.length_mm)
-    each = zip(sensors_mm, at.position_mm, at.force_n, strict=True)
-    clean = np.array([force * influence(world.beam, own, place, width_mm)[0] for own, place, force in each])
+    contacts = zip(sensors_mm, at.position_mm, at.force_n, strict=True)
+    clean = np.array([force * influence(world.beam, own, place, width_mm)[0] for own, place, force in contacts])
     return at.settle(f"positions {OFF_MM:g} mm off", clean, fault=at.perfect)

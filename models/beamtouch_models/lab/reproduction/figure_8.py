@@ -77,7 +77,7 @@ def measure(
     rig_percent, influence = NOISES_PERCENT[-1], influence_of(SCENE)
     clean = [deflection_mm(positions_mm) for positions_mm in layouts.values() for _ in range(networks)]
     rng = np.random.default_rng([seed, 0])
-    noisy = [one + rng.normal(scale=rig_percent * UNIT_MM, size=one.shape) for one in clean]
+    noisy = [clean_mm + rng.normal(scale=rig_percent * UNIT_MM, size=clean_mm.shape) for clean_mm in clean]
     trained = train([*clean, *noisy], LOADS_MM, LENGTH_MM, seed=seed, max_epochs=max_epochs, progress=progress)
     as_in_paper, with_noise = trained[: len(clean)], trained[len(clean) :]
     errors, noise_trained, limits = [], [], []
@@ -86,10 +86,13 @@ def measure(
         noise_mm = np.random.default_rng([seed, len(positions_mm)]).normal(size=drawn.deflection_mm.shape) * UNIT_MM
         own = slice(index * networks, (index + 1) * networks)
         every = [
-            [_error_percent(one, drawn, percent * noise_mm) for percent in NOISES_PERCENT] for one in as_in_paper[own]
+            [_error_percent(network, drawn, percent * noise_mm) for percent in NOISES_PERCENT]
+            for network in as_in_paper[own]
         ]
         errors.append(every)
-        noise_trained.append(np.mean([_error_percent(one, drawn, rig_percent * noise_mm) for one in with_noise[own]]))
+        noise_trained.append(
+            np.mean([_error_percent(network, drawn, rig_percent * noise_mm) for network in with_noise[own]])
+        )
         prior = Prior.of(influence, on_axis(positions_mm), Errors(rig_percent * UNIT_MM))
         limits.append(accuracy_limit(prior, LIMIT_DRAWS, seed))
     error_percent = np.mean(errors, axis=1)
@@ -102,11 +105,11 @@ def measure(
         "rig_percent": error_percent[:, -1],
         "rig_spread_percent": np.std(errors, axis=1, ddof=min(networks - 1, 1))[:, -1],
         "noise_trained_percent": noise_trained,
-        "limit_percent": [one.value for one in limits],
-        "limit_standard_error": [one.standard_error for one in limits],
+        "limit_percent": [layout_limit.value for layout_limit in limits],
+        "limit_standard_error": [layout_limit.standard_error for layout_limit in limits],
         "networks": len(as_in_paper),
-        "reached": sum(one.outcome == "reached" for one in as_in_paper),
-        "epochs": [end(one.epochs for one in as_in_paper) for end in (min, max)],
+        "reached": sum(network.outcome == "reached" for network in as_in_paper),
+        "epochs": [end(network.epochs for network in as_in_paper) for end in (min, max)],
     }
 
 
@@ -119,9 +122,10 @@ def _error_percent(network: PaperNetwork, drawn: Draws, noise_mm: Floats) -> flo
 def figure_8(measured: Numbers) -> Figure:
     """Return figure 8 from what `measure` returns."""
     rig, limits, theory = (np.array(measured[f"{name}_percent"]) for name in ("rig", "limit", "theoretical"))
-    stated = np.array([MEASURED_PERCENT.get((count, kind), np.nan) for count in COUNTS for kind in KINDS])
+    paper_percent = np.array([MEASURED_PERCENT.get((count, kind), np.nan) for count in COUNTS for kind in KINDS])
+    in_paper = ~np.isnan(paper_percent)
     # The noise that fits all four values of the paper best.
-    ours, theirs = np.array(measured["error_at_noise_percent"])[~np.isnan(stated)], stated[~np.isnan(stated)]
+    ours, theirs = np.array(measured["error_at_noise_percent"])[in_paper], paper_percent[in_paper]
     nearest = int(np.abs(ours / theirs[:, None] - 1).max(axis=0).argmin())
     saved = (1 - rig[1::2] / rig[::2]) * 100
     numbers = measured | {
@@ -137,9 +141,9 @@ def figure_8(measured: Numbers) -> Figure:
         "rig": bool(rig[:2].max() < 5),
         "falling": bool((rig[2:] <= rig[:-2]).all()),
         "few": bool(saved[0] > 0 and saved[0] > saved[-1]),
-        "two": bool(abs(saved[0] / 100 - (1 - stated[1] / stated[0])) < TOLERANCE),
+        "two": bool(abs(saved[0] / 100 - (1 - paper_percent[1] / paper_percent[0])) < TOLERANCE),
     }
-    for (count, kind), percent, value in zip(MEASURED_PERCENT, theirs, rig[~np.isnan(stated)], strict=True):
+    for (count, kind), percent, value in zip(MEASURED_PERCENT, theirs, rig[in_paper], strict=True):
         checks[f"measured {count} sensors, {kind}"] = bool(abs(value / percent - 1) < TOLERANCE)
     series = []
     for colour, (kind, name) in enumerate(zip(KINDS, ("equal pitch", "optimised"), strict=True)):

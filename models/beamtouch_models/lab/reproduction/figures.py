@@ -28,8 +28,8 @@ def figure_2() -> Figure:
     sensor = resolve(SCENE).sensor
     gap = np.linspace(0.0, 5.0, 501)
     output = counts_of_output(sensor, output_of_gap(sensor, gap)) / (2**sensor.adc_bits - 1) * 100
-    stated, ends = (gap >= 1) & (gap <= 4), np.array([0.5, 4.5])
-    line = np.polynomial.Polynomial.fit(gap[stated], output[stated], 1)
+    is_stated, ends = (gap >= 1) & (gap <= 4), np.array([0.5, 4.5])
+    line = np.polynomial.Polynomial.fit(gap[is_stated], output[is_stated], 1)
     departure = np.abs(output - line(gap))
     straight_mm = gap[departure < 0.01][[0, -1]]
     series = [
@@ -37,7 +37,7 @@ def figure_2() -> Figure:
         Series("straight from 1 to 4 mm, as the paper states", rounded(ends), rounded(line(ends)), 1, "dashed"),
     ]
     says = "Output of the proximity sensor over its gap: straight from 1 to 4 mm, levelling off beyond"
-    numbers = {"straight_mm": straight_mm, "departure_percent": float(departure[stated].max())}
+    numbers = {"straight_mm": straight_mm, "departure_percent": float(departure[is_stated].max())}
     checks = {"linear": np.allclose(straight_mm, (1, 4), atol=0.1)}
     return Figure(2, "sensor", Chart(says, "gap, mm", "output, % of the scale", series), rounded(numbers), checks)
 
@@ -48,8 +48,8 @@ DISCERNIBLE = 0.005
 
 def figure_3() -> Figure:
     """Return figure 3: the components of eight equally pitched sensors."""
-    found = principal_components(dimensionless(equal_pitch_mm(8)))
-    transformed, spans = found.transformed, np.ptp(found.transformed, axis=0)
+    components = principal_components(dimensionless(equal_pitch_mm(8)))
+    transformed, spans = components.transformed, np.ptp(components.transformed, axis=0)
     pairs = transformed[:, :2]
     first, second = pairs.T
     apart = np.linalg.norm(pairs[:, None] - pairs[None, :], axis=2)[~np.eye(len(pairs), dtype=bool)].min()
@@ -57,8 +57,8 @@ def figure_3() -> Figure:
     even_part = float(np.abs(second + second[::-1]).max() / np.abs(second).max())
     discernible = int((spans / spans[0] >= DISCERNIBLE).sum())
     numbers = {
-        "eigenvalues": found.eigenvalues,
-        "eigenvalues_over_first": found.eigenvalues / found.eigenvalues[0],
+        "eigenvalues": components.eigenvalues,
+        "eigenvalues_over_first": components.eigenvalues / components.eigenvalues[0],
         "spans_over_first": spans / spans[0],
         "discernible": discernible,
         "size_correlation": size_correlation,
@@ -91,11 +91,11 @@ def noise_errors(noise_percent: float, seed: int) -> tuple[Floats, float, float]
     (8,) percent, A in percent, and B; the fit is a straight line through the logarithms.
     """
     matrix = dimensionless(equal_pitch_mm(8))
-    found = principal_components(matrix)
+    components = principal_components(matrix)
     rng = np.random.default_rng([seed, round(noise_percent * 1000)])
     noise = rng.normal(size=(NOISE_DRAWS, *matrix.shape)) * noise_percent / 100
-    error = np.abs(noise * MAX_DEFLECTION @ found.vectors).mean(axis=(0, 1))
-    percent: Floats = error / np.abs(found.transformed).mean(axis=0) * 100
+    error = np.abs(noise * MAX_DEFLECTION @ components.vectors).mean(axis=(0, 1))
+    percent: Floats = error / np.abs(components.transformed).mean(axis=0) * 100
     exponent, factor = np.polyfit(np.log(np.arange(1, 9)), np.log(percent), 1)
     return percent, float(np.exp(factor)), float(exponent)
 
@@ -149,7 +149,7 @@ def figures_5_and_6(seed: int) -> tuple[Figure, Figure]:
     product = eigenvalue_product_of(surface.influence, surface.rules, SENSORS, LEADING)
     start = SearchRun((product.equal,), (float(product.scores(product.equal[None])[0]),), 1)
     seeds = range(seed, seed + OTHER_SEEDS + 1)
-    runs = [paper_search(product, start, np.random.default_rng(one)) for one in seeds]
+    runs = [paper_search(product, start, np.random.default_rng(run_seed)) for run_seed in seeds]
     iterations = [int(np.flatnonzero(np.diff(run.scores))[-1]) + 1 for run in runs]
     return _positions(surface.rules.place_mm[:, 0][np.array(runs[0].layouts)], iterations), _performance(runs[0])
 
@@ -196,10 +196,10 @@ def _performance(run: SearchRun) -> Figure:
         "log_eigenvalue_product": [run.scores[0], run.scores[-1]],
     }
     checks = {"falls": bool((np.diff(performance) <= 0).all()) and half <= iterations / 3}
-    stated = [EXPECTED_ITERATIONS] * 2, [1.0, float(performance[0])]
+    convergence = [EXPECTED_ITERATIONS] * 2, [1.0, float(performance[0])]
     series = [
         Series("m", list(range(iterations + 1)), rounded(performance)),
-        Series("the paper: converged after about 20 iterations", *stated, 1, "dashed"),
+        Series("the paper: converged after about 20 iterations", *convergence, 1, "dashed"),
     ]
     says = "The performance value m over the iterations of the search, relative to its last value"
     chart = Chart(says, "iteration", "m over its last value", series, whole_x=True)
@@ -213,7 +213,7 @@ def figure_7(optimised_mm: Floats) -> Figure:
         for places_mm in (equal_pitch_mm(4), optimised_mm, equal_pitch_mm(8))
     )
     best = best * np.sign((best * equal).sum(axis=0))  # the sign of a component is arbitrary
-    equal_peak, best_peak, eight_peak = (np.abs(one).max(axis=0) for one in (equal, best, eight))
+    equal_peak, best_peak, eight_peak = (np.abs(components).max(axis=0) for components in (equal, best, eight))
     change = (best_peak / equal_peak - 1) * 100
     numbers = {
         "positions_mm": {"equal": equal_pitch_mm(4), "optimised": optimised_mm},
@@ -229,7 +229,7 @@ def figure_7(optimised_mm: Floats) -> Figure:
     series = []
     for k in range(4):
         # Divide each by its own peak at equal pitch: on one scale the third and fourth would be flat lines.
-        pitched, chosen = (rounded(one[:, k] / equal_peak[k]) for one in (equal, best))
+        pitched, chosen = (rounded(components[:, k] / equal_peak[k]) for components in (equal, best))
         series += [
             Series(f"component {k + 1}, equal pitch", LOADS_MM.tolist(), pitched, k, "dashed"),
             Series(f"component {k + 1}, optimised", LOADS_MM.tolist(), chosen, k),

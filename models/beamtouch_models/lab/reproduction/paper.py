@@ -130,7 +130,7 @@ class Figure:
 
     def results(self) -> Numbers:
         """Return its numbers and the points of its plot, for JSON."""
-        curves = [{"label": one.label, "x": list(one.x), "y": list(one.y)} for one in self.chart.series]
+        curves = [{"label": series.label, "x": list(series.x), "y": list(series.y)} for series in self.chart.series]
         return self.numbers | {"curves": curves}
 
 

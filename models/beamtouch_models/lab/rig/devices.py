@@ -70,7 +70,7 @@ class Module:
     def registers_of(self, counts: list[int]) -> list[int]:
         """Return the registers of these counts."""
         data = b"".join(struct.pack(TYPES[self.type], count) for count in counts)
-        words = [int.from_bytes(data[at : at + 2]) for at in range(0, len(data), 2)]
+        words = [int.from_bytes(data[start : start + 2]) for start in range(0, len(data), 2)]
         if self.byte_order in ("CDAB", "DCBA"):
             last = struct.calcsize(TYPES[self.type]) // 2 - 1
             words = [words[index ^ last] for index in range(len(words))]

@@ -101,7 +101,7 @@ class Faults:
         return sum(fault.amount for fault in on if fault.word == "late") / 1000
 
     def _read(self, text: str) -> Fault:
-        what, at, times = text.strip().partition("@")
+        what, mark, times = text.strip().partition("@")
         word, colon, argument = what.partition(":")
         try:
             if word in SENSORS:
@@ -112,7 +112,7 @@ class Faults:
                 raise ValueError("with --firmware or a real serial device, only faults of sensors are played")
             else:
                 fault = Fault(word, amount=_amount(word, colon + argument))
-            return _timed(fault, times) if at else fault
+            return _timed(fault, times) if mark else fault
         except ValueError as error:
             raise InputError(f"fault {text.strip()}: {error}") from None
 
@@ -145,8 +145,8 @@ def _amount(word: str, argument: str) -> float:
 
 
 def _timed(fault: Fault, times: str) -> Fault:
-    if found := _TIMES.fullmatch(times):
-        begin_s, end_s, period_s = (float(one or "inf") for one in found.groups())
+    if match := _TIMES.fullmatch(times):
+        begin_s, end_s, period_s = (float(text or "inf") for text in match.groups())
         if begin_s < end_s and (end_s - begin_s < period_s or period_s == math.inf):
             return replace(fault, begin_s=begin_s, end_s=end_s, period_s=period_s)
     message = (

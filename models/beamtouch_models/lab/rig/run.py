@@ -69,11 +69,11 @@ def run(options: argparse.Namespace) -> int:
 
 def _module_of(options: argparse.Namespace) -> Module:
     """Return the module that the options state; InputError for a device that has no registers."""
-    stated = {field.name: getattr(options, field.name) for field in fields(Module)}
-    stated = {name: value for name, value in stated.items() if value is not None}
-    if stated and options.serial is not None:
-        raise InputError(f"--{next(iter(stated)).replace('_', '-')} needs --modbus-tcp or --modbus-rtu")
-    return Module(**stated)
+    settings = {field.name: getattr(options, field.name) for field in fields(Module)}
+    settings = {name: value for name, value in settings.items() if value is not None}
+    if settings and options.serial is not None:
+        raise InputError(f"--{next(iter(settings)).replace('_', '-')} needs --modbus-tcp or --modbus-rtu")
+    return Module(**settings)
 
 
 async def _serve(

@@ -58,11 +58,11 @@ class Imperfections(Strict):
         for name, values in given.items():
             if len(values) not in (0, channels):
                 raise SceneError(f"{name} has {len(values)} entries for {channels} channels")
-        stated = {name: values for name, values in given.items() if values and name in PER_CHANNEL}
+        per_channel = {name: values for name, values in given.items() if values and name in PER_CHANNEL}
         if self.offset_mm:  # a larger gap is a smaller deflection
-            stated["offset_mm"] = [-value for value in self.offset_mm]
-        whole = {"fixity": self.fixity, "rigidity": self.rigidity, "curve_per_mm": self.curve_per_mm}
-        return Departures.none(channels).model_copy(update=stated | whole)
+            per_channel["offset_mm"] = [-value for value in self.offset_mm]
+        shared = {"fixity": self.fixity, "rigidity": self.rigidity, "curve_per_mm": self.curve_per_mm}
+        return Departures.none(channels).model_copy(update=per_channel | shared)
 
 
 PERFECT = Imperfections()

@@ -108,11 +108,11 @@ class AnswerAtTime:
 
 def numbers_of_sensors(scene: Scene) -> list[int]:
     """Return the numbers of sensors to measure: the scene's range, or numbers around the one that it states."""
-    stated, most = scene.sensors.count_range
+    count, most = scene.sensors.count_range
     fewest = scene.sensors.fewest
-    if stated == most:
-        around = max(MIN_SENSORS + 1, stated - AROUND, len(scene.sensors.fixed_mm))
-        fewest, most = min(stated, around), stated + 1
+    if count == most:
+        around = max(MIN_SENSORS + 1, count - AROUND, len(scene.sensors.fixed_mm))
+        fewest, most = min(count, around), count + 1
     return list(range(fewest, most + 1))
 
 
@@ -121,7 +121,9 @@ def with_noises(scene: Scene) -> list[Scene]:
     noise_mm = resolve(scene).readings.sensor_mm
     if noise_mm == 0:
         return []
-    return [change_scene(scene, sensors={"noise_mm": noise_mm * one, "noise_percent_of_max": None}) for one in NOISES]
+    return [
+        change_scene(scene, sensors={"noise_mm": noise_mm * factor, "noise_percent_of_max": None}) for factor in NOISES
+    ]
 
 
 def with_twice_the_latency(scene: Scene) -> Scene:
@@ -192,5 +194,6 @@ def inference_times(models: Sequence[MeasuredModel]) -> list[Measurement]:
                 session.run(None, feed)
                 taken[call] = (time.perf_counter_ns() - start) / 1e3
     return [
-        Measurement(float(np.median(one)), float(np.median(one, axis=1).std(ddof=1) / rounds**0.5)) for one in times
+        Measurement(float(np.median(times_us)), float(np.median(times_us, axis=1).std(ddof=1) / rounds**0.5))
+        for times_us in times
     ]

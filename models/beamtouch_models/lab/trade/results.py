@@ -36,14 +36,16 @@ def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
     model : path of a model, for the commands that build one
     """
     own = trade.own
-    commands = dict.fromkeys(_command(one, scene, seed, model) for one in (own, *(at.model for at in trade.front)))
+    commands = dict.fromkeys(
+        _command(measured, scene, seed, model) for measured in (own, *(point.model for point in trade.front))
+    )
     text = ("estimator",)
     return [
         "\n".join(f"- {sentence}" for sentence in sentences(trade)),
-        Table(MODEL_HEADINGS, [_model_row(trade, one) for one in trade.models], "models", text),
+        Table(MODEL_HEADINGS, [_model_row(trade, measured) for measured in trade.models], "models", text),
         "error: of a mean of so many readings at rest; limit: of the best possible estimator, on the same contacts",
-        Table(MOMENT_HEADINGS, [_answer_row(one) for one in trade.since_touch], "since a touch"),
-        Table(POINT_HEADINGS, [_point_row(one) for one in trade.front], "the front", text),
+        Table(MOMENT_HEADINGS, [_answer_row(moment) for moment in trade.since_touch], "since a touch"),
+        Table(POINT_HEADINGS, [_point_row(point) for point in trade.front], "the front", text),
         f"{len(trade.front)} of {len(trade.points)} points, those that no other one beats in error, time or number of "
         "sensors.\nErrors that differ by less than their standard error are equal, and times that differ by less than "
         "a reading period.\nA contact is known after its readings, the transfer of one at 1 Mbaud, and an inference.",
@@ -81,7 +83,9 @@ def _change(model: MeasuredModel, own: MeasuredModel) -> str:
 def _worth(model: MeasuredModel, own: MeasuredModel) -> str:
     """Return what a change saves or costs of the error of the own model."""
     change, ratio = _change(model, own), model.reached.error_mm.value / own.reached.error_mm.value
-    scatter = ratio * hypot(*(one.standard_error / one.value for one in (model.reached.error_mm, own.reached.error_mm)))
+    scatter = ratio * hypot(
+        *(error.standard_error / error.value for error in (model.reached.error_mm, own.reached.error_mm))
+    )
     if abs(ratio - 1) <= scatter:
         return f"{change}: no difference beyond its standard error, {digits(100 * scatter, 1)} %."
     words = f"{digits(100 * abs(ratio - 1), 2)} ± {digits(100 * scatter, 1)} %"
@@ -106,8 +110,8 @@ def _time_in_words(trade: Trade) -> Iterator[str]:
 def _estimators_in_words(trade: Trade) -> Iterator[str]:
     for model in trade.varied("estimator"):
         if model is not trade.own:
-            ours, theirs = (trade.time_of(one).value for one in (trade.own, model))
-            ratio, own_ratio = (_ratio(one.reached.ratio) for one in (model, trade.own))
+            ours, theirs = (trade.time_of(measured).value for measured in (trade.own, model))
+            ratio, own_ratio = (_ratio(measured.reached.ratio) for measured in (model, trade.own))
             yield (
                 f"{model.task.estimator}: an inference takes {digits(theirs, 2)} µs instead of {digits(ours, 2)}, and "
                 f"the error is {ratio} times the limit instead of {own_ratio}."
@@ -166,7 +170,7 @@ def json_of(trade: Trade) -> dict[str, Any]:
             for point in trade.points
         ],
         "failures": [asdict(failure) for failure in trade.failures],
-        "since_touch": [asdict(one.answer) | {"limit_mm": asdict(one.limit_mm)} for one in trade.since_touch],
+        "since_touch": [asdict(moment.answer) | {"limit_mm": asdict(moment.limit_mm)} for moment in trade.since_touch],
         "sentences": sentences(trade),
     }
 
@@ -228,13 +232,13 @@ def _chart(label: str, x: Sequence[float], models: Sequence[MeasuredModel], own:
 
 def _since_touch(trade: Trade) -> Chart:
     moments, usual = trade.since_touch, trade.usual.answer
-    x = [one.answer.since_ms for one in moments]
+    x = [moment.answer.since_ms for moment in moments]
     series = [
-        _series(MODEL, x, [one.answer.error_mm for one in moments], 0),
-        _series(LIMIT, x, [one.limit_mm for one in moments], 1, "dashed"),
+        _series(MODEL, x, [moment.answer.error_mm for moment in moments], 0),
+        _series(LIMIT, x, [moment.limit_mm for moment in moments], 1, "dashed"),
         Series(OWN, [usual.since_ms], [usual.error_mm.value], style="ring"),
     ]
-    ringing = [one.answer.ringing_mm for one in moments if one.answer.ringing_mm is not None]
+    ringing = [moment.answer.ringing_mm for moment in moments if moment.answer.ringing_mm is not None]
     if ringing:
         series.insert(0, _series(RINGING, x, ringing, 2))
     return Chart("since touch", "since a touch, ms", ERROR, series, log_x=True, log_y=True)

@@ -67,7 +67,7 @@ def pareto_front(points: Sequence[Point]) -> list[Point]:
     Errors differ if they do so by more than the standard error of their difference, and times by a reading period.
     """
     return sorted(
-        (point for point in points if not any(_beats(other, point) for other in points)),
+        (point for point in points if not any(_beats(rival, point) for rival in points)),
         key=lambda point: (point.model.sensors, point.latency_ms),
     )
 
@@ -87,26 +87,26 @@ def _beats(one: Point, other: Point) -> bool:
 
 def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
     """Return the point with the smallest error within a latency; otherwise UnreachableTargetError names the nearest."""
-    kept = [point for point in points if point.latency_ms <= latency_ms]
-    if not kept:
+    quick = [point for point in points if point.latency_ms <= latency_ms]
+    if not quick:
         nearest_ms = min(point.latency_ms for point in points)
         raise UnreachableTargetError(
             f"no point answers within {latency_ms:g} ms; the fastest takes {digits(nearest_ms, 3)} ms; raise "
             "sensors.rate_hz"
         )
-    return min(kept, key=lambda point: (point.error_mm.value, point.latency_ms))
+    return min(quick, key=lambda point: (point.error_mm.value, point.latency_ms))
 
 
 def quickest(points: Sequence[Point], error_mm: float) -> Point:
     """Return the fastest point within an error, ties by sensors; otherwise UnreachableTargetError names the nearest."""
-    kept = [point for point in points if point.error_mm.value <= error_mm]
-    if not kept:
+    accurate = [point for point in points if point.error_mm.value <= error_mm]
+    if not accurate:
         nearest_mm = min(point.error_mm.value for point in points)
         raise UnreachableTargetError(
             f"no point has a mean error of {error_mm:g} mm; the best has {digits(nearest_mm, 3)} mm; allow more "
             "sensors or a larger requirements.max_mean_ms, or use sensors with less noise"
         )
-    return min(kept, key=lambda point: (point.periods, point.model.sensors, point.latency_ms))
+    return min(accurate, key=lambda point: (point.periods, point.model.sensors, point.latency_ms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,14 +129,14 @@ class Trade:
     @property
     def usual(self) -> AnswerAtTime:
         """The answer for the mean that layout and thresholds are chosen for."""
-        return next(one for one in self.since_touch if one.answer.readings == self.own.filter.window)
+        return next(moment for moment in self.since_touch if moment.answer.readings == self.own.filter.window)
 
     def varied(self, varied: Varied) -> list[MeasuredModel]:
         """Return the models in which one thing differs, with the own one, in order of this thing or as they came."""
-        found = [model for model in self.models if model is self.own or model.task.varied == varied]
+        models = [model for model in self.models if model is self.own or model.task.varied == varied]
         if varied == "noise":
-            return sorted(found, key=lambda model: model.reading_mm)
-        return found
+            return sorted(models, key=lambda model: model.reading_mm)
+        return models
 
     def time_of(self, model: MeasuredModel) -> Measurement:
         """Return the median time of an inference of a model, in µs."""
@@ -170,15 +170,15 @@ def trade(
     done: list[MeasuredModel | Failure] = []
 
     def measured(tasks: Iterable[Task]) -> Iterator[MeasuredModel | Failure]:
-        for one in spread(measure, tasks):
-            done.append(one)
+        for result in spread(measure, tasks):
+            done.append(result)
             progress("measuring models", len(done) / planned)
-            yield one
+            yield result
 
     tried = list(measured(Task(scene, "sensors", count, draws, seed, effort=effort) for count in counts))
-    placed = [one for one in tried if isinstance(one, MeasuredModel)]
+    placed = [result for result in tried if isinstance(result, MeasuredModel)]
     if not placed:
-        raise SceneError(next(one.reason for one in tried if isinstance(one, Failure)))
+        raise SceneError(next(result.reason for result in tried if isinstance(result, Failure)))
     own = _own_of(scene, placed)
     kept_mm, variations = own.positions_mm, list[Task]()
     variations += [
@@ -186,28 +186,28 @@ def trade(
         for name in estimators
         if name != ESTIMATORS[0]
     ]
-    variations += [Task(other, "noise", own.sensors, draws, seed, effort=effort) for other in with_noises(scene)]
+    variations += [Task(variant, "noise", own.sensors, draws, seed, effort=effort) for variant in with_noises(scene)]
     variations += [Task(with_twice_the_latency(scene), "latency", own.sensors, draws, seed, effort=effort)]
     tried += measured(variations)
     progress("following touches", (planned - 1) / planned)
     (moments,) = spread(follow, [own])
-    models = tuple(one for one in tried if isinstance(one, MeasuredModel))
+    models = tuple(result for result in tried if isinstance(result, MeasuredModel))
     times = tuple(inference_times(models))
     points = [
-        _point(model, one, time.value)
+        _point(model, answer, time.value)
         for model, time in zip(models, times, strict=True)
         if model.task.varied in ("sensors", "estimator")
-        for one in model.answers
+        for answer in model.answers
     ]
-    failures = tuple(one for one in tried if isinstance(one, Failure))
+    failures = tuple(result for result in tried if isinstance(result, Failure))
     return Trade(own, models, times, failures, tuple(moments), tuple(points), tuple(pareto_front(points)))
 
 
 def _own_of(scene: Scene, models: Sequence[MeasuredModel]) -> MeasuredModel:
     """Return the model that `build` makes, of models with different numbers of sensors."""
-    stated, most = scene.sensors.count_range
-    if stated == most:
-        return next((model for model in models if model.sensors == stated), models[-1])
+    count, most = scene.sensors.count_range
+    if count == most:
+        return next((model for model in models if model.sensors == count), models[-1])
     wanted_mm = scene.requirements.position_error_mm
     enough = (model for model in models if wanted_mm is not None and model.reached.limit_mm.value <= wanted_mm)
     return next(enough, models[-1])

@@ -192,13 +192,13 @@ class Hypotheses:
     @property
     def agree(self) -> bool:
         """Whether all hypotheses have the same state."""
-        return all(one.state is self.state for one in self.memories)
+        return all(memory.state is self.state for memory in self.memories)
 
     def step(self, evidence: Evidence) -> Judgement:
         """Take the next sample."""
         decided = [decide(self._thresholds, memory, evidence) for memory in self.memories]
         memories = [memory for memory, _ in decided]
-        if evidence.moves and any(one.state is State.CONTACT and one.seen_mm is None for one in memories):
+        if evidence.moves and any(memory.state is State.CONTACT and memory.seen_mm is None for memory in memories):
             # Whether the sample shows such a contact is not known, so that it may be a lift.
             memories += [_RINGING, *_CONTACT]
         self.memories = tuple(dict.fromkeys(memories))

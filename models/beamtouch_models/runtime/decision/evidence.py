@@ -51,8 +51,8 @@ class Weighed:
     def stacked(cls, samples: Sequence["Weighed"]) -> "Weighed":
         """Return samples as one, so that the graph runs once."""
         arrays = [part.name for part in fields(cls) if part.name != "zero_mm2"]
-        stacked = cls(*(np.concatenate([getattr(one, name) for one in samples]) for name in arrays))
-        zeros_mm2 = [one.zero_mm2 for one in samples if one.zero_mm2 is not None]  # of all or of none
+        stacked = cls(*(np.concatenate([getattr(sample, name) for sample in samples]) for name in arrays))
+        zeros_mm2 = [sample.zero_mm2 for sample in samples if sample.zero_mm2 is not None]  # of all or of none
         return replace(stacked, zero_mm2=np.concatenate(zeros_mm2)) if zeros_mm2 else stacked
 
     @property
@@ -128,8 +128,7 @@ class Evidence(NamedTuple):
     def seen_mm(self) -> tuple[float | None, ...]:
         """The deflection (channels,); None for a channel that took no part."""
         took_part = np.logical_or.reduce(self.still_whitening_per_mm != 0).tolist()
-        each = zip(self.deflection_mm.tolist(), took_part, strict=True)
-        return tuple(mm if there else None for mm, there in each)
+        return tuple(mm if there else None for mm, there in zip(self.deflection_mm.tolist(), took_part, strict=True))
 
     def shows(self, deflection_mm: Floats) -> float:
         """Return the misfit that rest would have with this deflection (channels,), under the same covariance.

@@ -51,7 +51,7 @@ class Suspects:
 
     def add(self, without: dict[str, LeftOut]) -> None:
         """Add an unexplained sample without each of its channels."""
-        explaining = [name for name, left in without.items() if left.explained]
+        explaining = [name for name, left_out in without.items() if left_out.explained]
         # If several would do, none of them is known to be wrong.
         self._found.append(explaining[0] if len(explaining) == 1 else None)
         (name, count), *_ = Counter(self._found).most_common(1)
@@ -63,16 +63,16 @@ class Suspects:
         They are left out where the other channels are so few that they fit most contacts.
         """
         coarse, names = self._coarse(samples), [channel.name for channel in self._metadata.layout]
-        found = list[dict[str, LeftOut]]({} for _ in samples.valid)
+        left_out = list[dict[str, LeftOut]]({} for _ in samples.valid)
         checked = samples.valid & (samples.valid.sum(axis=1, keepdims=True) > CHECKED)
         rows, channels = np.nonzero(checked)
         for begin in range(0, len(rows), ROWS):
             row, channel = rows[begin : begin + ROWS], channels[begin : begin + ROWS]
-            each = evidence(self._metadata, self._run, coarse.part(row).without(channel))
-            for index, place, said in zip(row.tolist(), channel.tolist(), each, strict=True):
+            evidences = evidence(self._metadata, self._run, coarse.part(row).without(channel))
+            for index, place, said in zip(row.tolist(), channel.tolist(), evidences, strict=True):
                 explained = not is_odd(self._metadata.thresholds, said)
-                found[index][names[place]] = LeftOut(said.misfit, explained)
-        return found
+                left_out[index][names[place]] = LeftOut(said.misfit, explained)
+        return left_out
 
     def _coarse(self, samples: Weighed) -> Weighed:
         """Return samples with at least the noise that the model was made for.
@@ -130,18 +130,18 @@ def wirings(names: list[str]) -> list[Wiring]:
     """Return the wirings that are looked for: two channels swapped, one inverted, all in reverse order."""
     asis = list(range(len(names)))
     right = [1.0] * len(names)
-    found = []
+    candidates = []
     for first, second in combinations(asis, 2):
         order = asis.copy()
         order[first], order[second] = second, first
-        found.append(Wiring(order, right, f"{names[first]} and {names[second]} seem to be swapped"))
+        candidates.append(Wiring(order, right, f"{names[first]} and {names[second]} seem to be swapped"))
     for index in asis:
         signs = right.copy()
         signs[index] = -1.0
-        found.append(Wiring(asis, signs, f"{names[index]} seems to be inverted"))
+        candidates.append(Wiring(asis, signs, f"{names[index]} seems to be inverted"))
     if len(names) > CHECKED:  # the reverse order of fewer channels is the swap of two
-        found.append(Wiring(asis[::-1], right, "the channels seem to be in reverse order"))
-    return found
+        candidates.append(Wiring(asis[::-1], right, "the channels seem to be in reverse order"))
+    return candidates
 
 
 class Wirings:
@@ -166,9 +166,9 @@ class Wirings:
             return
         coarse = sample.noisier((GAIN * sample.deflection_mm) ** 2)
         corrected = [coarse, *(wiring.corrected(coarse) for wiring in self._wirings)]
-        asis, *each = evidence(self._metadata, self._run, Weighed.stacked(corrected))
+        asis, *rewired = evidence(self._metadata, self._run, Weighed.stacked(corrected))
         odd = is_odd(self._metadata.thresholds, asis)
-        for index, said in enumerate(each):
+        for index, said in enumerate(rewired):
             places_mm = self._places_mm[index]
             if is_odd(self._metadata.thresholds, said):
                 places_mm.clear()

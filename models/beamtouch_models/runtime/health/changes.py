@@ -76,14 +76,14 @@ class History:
 
     def since(self, name: str) -> Floats:
         """Return a sum of `Block` from each block on, (blocks, ...); there is at least one block."""
-        each = np.array([getattr(block, name) for block in self.blocks])
-        sums: Floats = each[::-1].cumsum(axis=0)[::-1]
+        values = np.array([getattr(block, name) for block in self.blocks])
+        sums: Floats = values[::-1].cumsum(axis=0)[::-1]
         return sums
 
     def to_json(self) -> list[list[Any]]:
         """Return the blocks as JSON values."""
         sums = [[getattr(block, name).tolist() for name in _SUMS] for block in self.blocks]
-        return [[block.first_us, block.contacts, *one] for block, one in zip(self.blocks, sums, strict=True)]
+        return [[block.first_us, block.contacts, *totals] for block, totals in zip(self.blocks, sums, strict=True)]
 
     @classmethod
     def from_json(cls, channels: int, rows: list[list[Any]]) -> Self:
@@ -92,7 +92,7 @@ class History:
         blocks = []
         for first_us, contacts, *values in rows:
             sums: list[NDArray[np.float64]] = [np.array(value, np.float64) for value in values]
-            if [one.shape for one in sums] != shapes:
+            if [array.shape for array in sums] != shapes:
                 raise ValueError("the history is that of another layout")
             blocks.append(Block(int(first_us), int(contacts), *sums))
         return cls(channels, blocks)
@@ -101,15 +101,15 @@ class History:
 def _merged(blocks: list[Block], boundaries: set[int]) -> list[Block]:
     """Return the blocks with pairs of old ones merged."""
     after = sum(block.contacts for block in blocks)
-    found: list[Block] = []
+    merged: list[Block] = []
     for index, block in enumerate(blocks):
         after -= block.contacts
         is_old = index < len(blocks) - NEW and block.first_us not in boundaries
-        if is_old and found and (found[-1].contacts + block.contacts) * RESOLUTION <= after:
-            found[-1] = found[-1] + block
+        if is_old and merged and (merged[-1].contacts + block.contacts) * RESOLUTION <= after:
+            merged[-1] = merged[-1] + block
         else:
-            found.append(block)
-    return found
+            merged.append(block)
+    return merged
 
 
 CERTAIN = 27.0
@@ -191,7 +191,9 @@ class Gains:
     def _column(self, blocks: Indices, channel: int) -> Floats:
         """Return the information that a channel's change from each block on shares with each unknown."""
         own = self._information[blocks][:, :, channel]
-        later = [self._information[np.maximum(blocks, one.block)][:, one.channel, channel] for one in self._changes]
+        later = [
+            self._information[np.maximum(blocks, change.block)][:, change.channel, channel] for change in self._changes
+        ]
         return np.column_stack([own, *later])
 
     def now(self) -> tuple[Floats, Floats]:
@@ -230,8 +232,8 @@ def find_changes(history: History, floor: Floats) -> list[Change]:
     after = history.after()
     certain = CERTAIN + 2 * np.log(max(1.0, len(floor) / 4))
     while len(changes) < 2 * len(floor):
-        found = Gains(history, floor, changes).candidates()
-        ratio = np.where(np.abs(found.gain) >= floor, found.ratio, 0.0)
+        candidates = Gains(history, floor, changes).candidates()
+        ratio = np.where(np.abs(candidates.gain) >= floor, candidates.ratio, 0.0)
         block, channel = (int(place) for place in np.unravel_index(int(ratio.argmax()), ratio.shape))
         most = ratio[block, channel]
         others = np.delete(ratio.max(axis=0), channel)

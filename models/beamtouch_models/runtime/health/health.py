@@ -104,12 +104,12 @@ class Health:
 
     def _add(self, samples: Sequence[BestSample]) -> None:
         gains, covariance = Gains(self._history, self._floor, self._changes).now()
-        shape, left = self._equations(samples, gains)
-        weight = self._weights(shape, left, np.array([sample.is_contact for sample in samples]), gains, covariance)
-        boundaries = {self._history.blocks[one.block].first_us for one in self._changes}
+        shape, residuals = self._equations(samples, gains)
+        weight = self._weights(shape, residuals, np.array([sample.is_contact for sample in samples]), gains, covariance)
+        boundaries = {self._history.blocks[change.block].first_us for change in self._changes}
         for row in np.flatnonzero(weight).tolist():
             own = weight[row] * shape[row].T
-            block = Block(samples[row].at_us, 1, own @ shape[row], own @ left[row], *self._rest(samples[row]))
+            block = Block(samples[row].at_us, 1, own @ shape[row], own @ residuals[row], *self._rest(samples[row]))
             self._history.add(block, boundaries)
         self._changes = find_changes(self._history, self._floor)
 
@@ -120,11 +120,11 @@ class Health:
         `gains` (channels,) are the errors as far as they are known.
         """
         offset_mm = self._curve.departures.offset_mm
-        measured = np.array([one.deflection_mm for one in samples])
-        deviation = np.array([one.deviation_mm for one in samples])
-        rest = np.array([offset_mm if one.rest_mm is None else one.rest_mm for one in samples])
+        measured = np.array([sample.deflection_mm for sample in samples])
+        deviation = np.array([sample.deviation_mm for sample in samples])
+        rest = np.array([offset_mm if sample.rest_mm is None else sample.rest_mm for sample in samples])
         # A zero that was not seen is as uncertain as the floor says.
-        unseen = np.array([self._zero_mm if one.rest_mm is None else one.rest_deviation_mm for one in samples])
+        unseen = np.array([self._zero_mm if sample.rest_mm is None else sample.rest_deviation_mm for sample in samples])
         linear = self._curve.departures.straighten(measured - rest)
         floor = floor_mm2(linear, self._floor, self._zero_mm)
         variance = deviation**2 + unseen**2 + SCATTER**2 * floor
@@ -157,8 +157,8 @@ class Health:
         along = np.einsum("nij,nik,nk->nj", shape, inverse, off)
         square = np.einsum("nij,nik,nkj->nj", shape, inverse, shape)
         explained = (along**2 / np.maximum(square, np.finfo(np.float64).tiny)).max(axis=1)
-        kept = is_contact if limit is None else is_contact | (misfit - explained <= limit)
-        return np.where(kept, weight, 0.0)
+        is_used = is_contact if limit is None else is_contact | (misfit - explained <= limit)
+        return np.where(is_used, weight, 0.0)
 
     def channels(self) -> list[ChannelChange]:
         """Return the health of each channel in the order of the layout; empty before the first contact."""
@@ -169,14 +169,16 @@ class Health:
     def _channel(self, channel: int) -> ChannelChange:
         gain, gain_block = self._gain(channel)
         zero, zero_block = zero_of(self._history, channel, float(self._zero_mm[channel])) or (None, 0)
-        begins = [block for block, one in ((gain_block, gain), (zero_block, zero)) if one and one.changed]
+        begins = [
+            block for block, estimate in ((gain_block, gain), (zero_block, zero)) if estimate and estimate.changed
+        ]
         first = min(begins, default=0)
         after = int(self._history.after()[first])
         return ChannelChange(gain, zero, self._history.blocks[first].first_us, after)
 
     def _gain(self, channel: int) -> tuple[Estimate, int]:
         """Return the change of a gain, and the block with which it began."""
-        own = [one.block for one in self._changes if one.channel == channel]
+        own = [change.block for change in self._changes if change.channel == channel]
         if own:
             value, deviation = Gains(self._history, self._floor, self._changes).changed(channel)
             certain = bool(value**2 > CERTAIN * deviation**2 and abs(value) >= self._floor[channel])
@@ -185,16 +187,16 @@ class Health:
 
     def _unnamed(self, channel: int) -> Estimate:
         """Return the change of a gain that is not certain: of the newer half of the contacts, or since it is likely."""
-        found = Gains(self._history, self._floor, self._changes).candidates()
-        ratio = np.where(self._history.after()[:, None] > 1, found.ratio, 0.0)
+        candidates = Gains(self._history, self._floor, self._changes).candidates()
+        ratio = np.where(self._history.after()[:, None] > 1, candidates.ratio, 0.0)
         block, likely = (int(place) for place in np.unravel_index(int(ratio.argmax()), ratio.shape))
         if likely != channel or ratio[block, channel] < POSSIBLE:
             others = [Change(block, likely)] if likely != channel and ratio[block, likely] >= POSSIBLE else []
-            found = Gains(self._history, self._floor, [*self._changes, *others]).candidates()
+            candidates = Gains(self._history, self._floor, [*self._changes, *others]).candidates()
             after = self._history.after()
             block = int(np.searchsorted(-after, -max(1.0, after[0] / 2)))
-        deviation = float(found.information[block, channel]) ** -0.5
-        return Estimate.of(float(found.gain[block, channel]), deviation, changed=False)
+        deviation = float(candidates.information[block, channel]) ** -0.5
+        return Estimate.of(float(candidates.gain[block, channel]), deviation, changed=False)
 
 
 def _place(curve: InfluenceCurve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:

@@ -64,7 +64,7 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
     foundation = [] if scene.beam.foundation_n_mm2 is None else ["it lies on an elastic foundation"]
     ruled = ["shaded: no sensors there"] if scene.sensors.keep_out_mm else []
     told = [_thickness_in_words(px), *foundation, *ruled, *bent_in_words, _supports_in_words(scene.beam)]
-    return "\n".join(parts), ". ".join(f"{one[0].upper()}{one[1:]}" for one in told)
+    return "\n".join(parts), ". ".join(f"{sentence[0].upper()}{sentence[1:]}" for sentence in told)
 
 
 class Scale:
@@ -74,7 +74,7 @@ class Scale:
         self.length_mm = beam.length_mm
         self.factor = (WIDTH - 2 * MARGIN) / beam.length_mm
         self.thickness_mm = _thicknesses_mm(beam)
-        known = [one for one in self.thickness_mm if one]
+        known = [mm for mm in self.thickness_mm if mm]
         self.thicker = 1.0
         """Factor by which the beam is drawn thicker."""
         if known:
@@ -135,7 +135,7 @@ def _bend(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[
         return [], []
     times = max(1.0, _round_down(BENT_PX / largest_px))
     pairs = zip(drawn.at_mm, deflection_mm[load], strict=True)
-    points = " ".join(f"{px.x(at):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for at, mm in pairs)
+    points = " ".join(f"{px.x(position_mm):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for position_mm, mm in pairs)
     larger = "to scale" if times == 1 else f"drawn {times:g} times larger"
     words = f"dashed: bent by {force_n:g} N at {digits(drawn.load_mm[load], 4)} mm, {larger}"
     return [f'<polyline {BENT} points="{points}"/>'], [words]
@@ -195,16 +195,18 @@ def _scale(px: Scale) -> Iterable[str]:
 
 
 def _thickness_in_words(px: Scale) -> str:
-    known = [one for one in px.thickness_mm if one]
+    known = [mm for mm in px.thickness_mm if mm]
     if not known:
         return "its thickness is not stated"
-    each = " and ".join(f"{one:g}" for one in sorted(set(known))) if len(set(known)) < 4 else "in steps"
-    return f"{each} mm thick" + (f", drawn {digits(px.thicker, 2)} times thicker" if px.thicker != 1 else "")
+    thickness = " and ".join(f"{mm:g}" for mm in sorted(set(known))) if len(set(known)) < 4 else "in steps"
+    return f"{thickness} mm thick" + (f", drawn {digits(px.thicker, 2)} times thicker" if px.thicker != 1 else "")
 
 
 def _supports_in_words(beam: Beam) -> str:
     """Return where and how a beam is held, in the words of an engineer."""
-    return "Supports: " + ("; ".join(f"{_in_words(one)} at {one.at_mm:g} mm" for one in beam.support_list) or "none")
+    return "Supports: " + (
+        "; ".join(f"{_in_words(support)} at {support.at_mm:g} mm" for support in beam.support_list) or "none"
+    )
 
 
 def _in_words(support: Support) -> str:

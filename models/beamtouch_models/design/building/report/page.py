@@ -98,8 +98,8 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
     def means(values: Floats) -> Floats:
-        whole = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
-        return whole / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
+        total = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
+        return total / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
 
     held_in = width_mm = None
     if "position_low_mm" in answers:
@@ -195,22 +195,22 @@ def page(facts: Facts) -> str:
 def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]:
     """Return each chart with its name and a remark for its caption; the components are (loads, sensors)."""
     profile, x = facts.profile, facts.profile.position_mm.tolist()
-    at, stretches = "position of the contact, mm", f"; {PROFILE_BINS} stretches"
+    x_label, stretches = "position of the contact, mm", f"; {PROFILE_BINS} stretches"
     says = "Mean error of position over the position of the contact, of the model and at the accuracy limit"
     curves = [
         Series("model", x, profile.model_mm.tolist(), 1),
         Series("accuracy limit", x, profile.limit_mm.tolist(), 0, "dashed"),
     ]
-    charts = [("error", Chart(says, at, "mean |error|, mm", curves, y_from_zero=True), stretches)]
+    charts = [("error", Chart(says, x_label, "mean |error|, mm", curves, y_from_zero=True), stretches)]
     seen = facts.model.metadata.smallest_force
     says = "Smallest force that is seen over the position of the contact"
     strongest = facts.model.metadata.ranges.force_n[1]
     forces = [strongest if force is None else min(force, strongest) for force in seen.force_n]
     remarks = [f"even {strongest:g} N, the largest force of the scene, is not seen where the curve reaches it"]
     remarks += [nothing_seen(facts.model.metadata)]
-    remark = "".join(f"; {one}" for one in remarks if one) if strongest in forces else ""
+    remark = "".join(f"; {text}" for text in remarks if text) if strongest in forces else ""
     curve = Series("", seen.position_mm, forces)
-    chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
+    chart = Chart(says, x_label, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark))
     load_mm = facts.built.layout.surface.influence.load_mm[:, 0]
     scaled = components_mm / facts.model.metadata.noise.sample_mm
@@ -219,5 +219,5 @@ def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]
         Series(f"component {k + 1}", load_mm.tolist(), column.tolist(), k)
         for k, column in enumerate(scaled.T[:MAX_CHARTED])
     ]
-    charts.append(("components", Chart(says, at, "over the noise", curves), ""))
+    charts.append(("components", Chart(says, x_label, "over the noise", curves), ""))
     return charts
