@@ -53,9 +53,9 @@ def _table(prior: Prior, box: Extent) -> tuple[Floats, Floats | None]:
 def _likely_box(box: Extent, density: Floats) -> Extent:
     """Return the box of the cells that are likely, with two cells of margin.
 
-    `density` has the cells of each axis. Where cells are much wider than a posterior, their middles miss the peak. Along
-    an axis, a parabola through three of them rises above the middle one by at most an eighth of its drop to the lower
-    neighbour; half of it is allowed for.
+    `density` has the cells of each axis. Where cells are much wider than a posterior, their middles miss the peak. A
+    parabola through three of them, along an axis, rises above the middle one by at most an eighth of its drop to the
+    lower neighbour; half of it is allowed for.
     """
     rise = np.zeros_like(density)
     for axis in range(density.ndim):
