@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from beamtouch_common.commands import DONE, Parser, exit_code
-from beamtouch_models.commands import arguments
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
 
 PROGRAM = "design-sensors"
@@ -32,6 +31,7 @@ def main(given: Sequence[str] | None = None) -> int:
         words = sys.argv[1:] if given is None else given
         options = _parser(words).parse_args(words)
         # Imported here, so that --help is quick and a missing extra is reported in one line.
+        import_module("beamtouch_models.design.sweeps").load_with_one_thread()
         printing = import_module("beamtouch_models.design.printing")
         command = import_module(f"beamtouch_models.commands.{options.command}")
         printing.show(command.run(options), as_json=getattr(options, "json", False))
@@ -46,8 +46,8 @@ def _parser(given: Sequence[str]) -> Parser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in COMMANDS.items():
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
-        if name in given:
-            getattr(arguments, name)(command)
+        if name in given:  # the list of commands does not wait for this import
+            getattr(import_module("beamtouch_models.commands.arguments"), name)(command)
     return parser
 
 

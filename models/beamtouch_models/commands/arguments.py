@@ -1,4 +1,4 @@
-"""The arguments of the commands of `design-sensors`, a function each. `--help` waits for this import alone."""
+"""The arguments of the commands of `design-sensors`, a function each. `COMMAND --help` waits for this import alone."""
 
 import argparse
 from pathlib import Path

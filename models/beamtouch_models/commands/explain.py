@@ -16,10 +16,8 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
-from beamtouch_models.design.accuracy.zone_bands import band_at
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.effort import Effort
-from beamtouch_models.design.layout import place_sensors
 from beamtouch_models.design.physics.beam import influence_matrix, load_positions_mm
 from beamtouch_models.design.physics.mesh import mesh_of
 from beamtouch_models.design.placement.placing import DEFAULT_AIM
@@ -140,6 +138,10 @@ def _load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
 
 def _bands_of(surface: Surface, zones: dict[str, Zone], effort: Effort) -> list[Edge]:
     """Return the forecast for each edge within the beam, with the sensors where `place` puts them."""
+    # Without zones, what places sensors is not needed, and takes a fifth of the command to import.
+    from beamtouch_models.design.accuracy.zone_bands import band_at  # noqa: PLC0415
+    from beamtouch_models.design.layout import place_sensors  # noqa: PLC0415
+
     placed = place_sensors(surface, seed=SEED, aim=replace(DEFAULT_AIM, effort=effort)).prior
     at_rest = placed.at_noise(surface.sampling.settled.noise_mm)
     edges = []

@@ -17,7 +17,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, TypeVar
 
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_models.design.sweeps import TaskMap, in_turn, on_one_thread
+from beamtouch_models.design.sweeps import TaskMap, in_turn, load_with_one_thread, on_one_thread
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -79,8 +79,7 @@ def _submit(
 def processes(workers: int) -> Iterator[TaskMap]:
     """Spread tasks over processes, which start with the first task; FailedError if one ends before its work is done."""
     before = set(active_children())
-    # Workers inherit this. There is one on each core; each would start threads for linear algebra on all of them.
-    os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    load_with_one_thread()  # there is a worker on each core; each would start threads on all of them
     # A forked process would share the locks of threads that it does not have: of the progress bar, of linear algebra.
     executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_end_with_parent)
     try:

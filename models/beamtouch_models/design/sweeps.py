@@ -5,6 +5,7 @@ sent. Random numbers are seeded by the task, and each task computes on one threa
 wherever it runs.
 """
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from functools import cache
@@ -50,6 +51,14 @@ def one_thread() -> AbstractContextManager[object]:
     """Keep linear algebra on one thread: with matrices this small, threads wait longer than they work."""
     limited: AbstractContextManager[object] = _controller().limit(limits=1)
     return limited
+
+
+def load_with_one_thread() -> None:
+    """Give linear algebra one thread wherever it is loaded from now on: here, and in processes that start here.
+
+    The threads that libraries start when they are loaded wait at full load.
+    """
+    os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 @cache
