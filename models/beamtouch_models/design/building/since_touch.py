@@ -17,6 +17,7 @@ from beamtouch_models.design.accuracy.drawing import Draws, draw_evenly
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.design.effort import USUAL, Effort
+from beamtouch_models.design.replay import replay
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.world import SensorErrors, World
 from beamtouch_models.runtime.session import Run
@@ -113,12 +114,12 @@ def answers_of_means(
     many = Touches.draw(prior, world, effort.of(KNOWN, LEAST_KNOWN), seed + 1)
     noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
     usual = many.plain_errors_mm(run, window, noise) * many.drawn.weight
-    found = []
+    answers = []
     for count in sorted({min(FIRST, longest), window, min(4 * window, longest), longest}):
         ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.drawn.weight, usual)
         scatter = math.hypot(ratio.standard_error * error_mm.value, ratio.value * error_mm.standard_error)
-        found.append(Answer(count, count * 1e3 / rate_hz, Measurement(ratio.value * error_mm.value, scatter)))
-    return found
+        answers.append(Answer(count, count * 1e3 / rate_hz, Measurement(ratio.value * error_mm.value, scatter)))
+    return answers
 
 
 def answers_since_touch(
@@ -156,23 +157,17 @@ def answers_since_touch(
 
     def measure(readings_mm: Floats) -> list[Measurement]:
         """Return the error behind the filter after each number of loaded readings."""
-        at, means, covariances = before - 1 + np.array(counts), [], []
-        for readings in readings_mm:
-            chain.restart()
-            filtered = chain.apply(readings)
-            # A channel whose newest reading is not good takes no part.
-            means.append(np.where(np.isnan(readings[at]), np.nan, filtered.mean_mm[at]))
-            covariances.append(filtered.covariances_mm2(at))
-        samples = zip(np.array(means).swapaxes(0, 1), np.array(covariances).swapaxes(0, 1), strict=True)
-        found = []
-        for one, sample, of_mean in zip(plain, samples, plain_mm, strict=True):
-            more = mean_of(touches.errors_mm(run, *sample) - of_mean, touches.drawn.weight)
-            scatter = math.hypot(one.error_mm.standard_error, more.standard_error)
-            found.append(Measurement(one.error_mm.value + more.value, scatter))
-        return found
+        samples = replay(chain, readings_mm, [before - 1 + count for count in counts])
+        measured = []
+        for index, (answer, of_mean) in enumerate(zip(plain, plain_mm, strict=True)):
+            behind = touches.errors_mm(run, samples.mean_mm[:, index], samples.covariance_mm2[:, index])
+            more = mean_of(behind - of_mean, touches.drawn.weight)
+            scatter = math.hypot(answer.error_mm.standard_error, more.standard_error)
+            measured.append(Measurement(answer.error_mm.value + more.value, scatter))
+        return measured
 
-    answers = [replace(one, error_mm=error_mm) for one, error_mm in zip(plain, measure(still), strict=True)]
+    answers = [replace(answer, error_mm=error_mm) for answer, error_mm in zip(plain, measure(still), strict=True)]
     if world.modes is None:
         return answers
     rings = measure(readings_of(world.ringing_mm(touches.drawn.position_mm, touches.drawn.force_n, since_s)))
-    return [replace(one, ringing_mm=error_mm) for one, error_mm in zip(answers, rings, strict=True)]
+    return [replace(answer, ringing_mm=error_mm) for answer, error_mm in zip(answers, rings, strict=True)]

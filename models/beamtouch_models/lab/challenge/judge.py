@@ -7,7 +7,8 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.pricing.noise import chain_of
-from beamtouch_models.filters import Zeros, beyond_start
+from beamtouch_models.design.replay import replay
+from beamtouch_models.filters import Zeros
 from beamtouch_models.lab.challenge.play import SimulatedSurface
 from beamtouch_models.runtime.decision.decider import AT_REST, Hypotheses, State
 from beamtouch_models.runtime.decision.evidence import Weighed, evidence, is_overload, is_unchecked
@@ -63,53 +64,41 @@ def judge(
     """
     metadata, length = surface.metadata, readings_mm.shape[1]
     came = np.ones(readings_mm.shape[:2], np.bool_) if lost is None else ~lost
-    samples = _filter(surface, readings_mm, came)
+    samples = _samples(surface, readings_mm, came)
     judged = Verdicts.silent(samples.valid.reshape(readings_mm.shape))
-    asked = np.arange(len(samples.valid)) % length >= first
-    enough = np.flatnonzero(asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
-    found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
-    draw, decider = -1, Hypotheses(metadata.thresholds, [AT_REST])
-    for index, one in zip(enough.tolist(), found, strict=True):
-        if index // length != draw:
-            draw, decider = index // length, Hypotheses(metadata.thresholds, [AT_REST])
-        verdict, at = decider.step(one), divmod(index, length)
-        judged.outcome[at], judged.unsteady[at] = Outcome[verdict.state.name], verdict.unsteady
+    is_asked = np.arange(len(samples.valid)) % length >= first
+    enough = np.flatnonzero(is_asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
+    shown = evidence(metadata, run, samples.part(enough)) if len(enough) else []
+    last_draw, decider = -1, Hypotheses(metadata.thresholds, [AT_REST])
+    for index, of_sample in zip(enough.tolist(), shown, strict=True):
+        draw, reading = divmod(index, length)
+        if draw != last_draw:
+            last_draw, decider = draw, Hypotheses(metadata.thresholds, [AT_REST])
+        verdict, place = decider.step(of_sample), (draw, reading)
+        judged.outcome[place], judged.unsteady[place] = Outcome[verdict.state.name], verdict.unsteady
         if verdict.state is State.CONTACT:
-            judged.other_note[at] = is_overload(metadata, one) or is_unchecked(one)
-            judged.position_mm[at] = one.answer["position_mm"]
-            judged.low_mm[at], judged.high_mm[at] = one.answer["position_low_mm"], one.answer["position_high_mm"]
+            answer = of_sample.answer
+            judged.other_note[place] = is_overload(metadata, of_sample) or is_unchecked(of_sample)
+            judged.position_mm[place] = answer["position_mm"]
+            judged.low_mm[place], judged.high_mm[place] = answer["position_low_mm"], answer["position_high_mm"]
     return judged
 
 
-def _filter(surface: SimulatedSurface, readings_mm: Floats, came: Bools) -> Weighed:
+def _samples(surface: SimulatedSurface, readings_mm: Floats, came: Bools) -> Weighed:
     """Return the samples of all readings (draws x readings), behind the filters of the surface's model."""
-    metadata, channels = surface.metadata, surface.channels
+    metadata, channels, walk = surface.metadata, surface.channels, surface.walk
     noise_mm, per_count_mm = metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count
-    seen = surface.slowest_period, surface.unseen_swing
-    chain = chain_of(metadata.filter, channels, noise_mm, per_count_mm, *seen)
-    mean, variance = np.full((2, *readings_mm.shape), np.nan)
-    covariance, drift = np.zeros((*readings_mm.shape, channels)), np.zeros((*readings_mm.shape[:2], 2))
-    walk = surface.walk
-    zeros = walk and Zeros(walk, metadata.sensor.rate_hz, noise_mm, per_count_mm, surface.slowest_period, channels)
-    for draw, (readings, there) in enumerate(zip(readings_mm, came, strict=True)):
-        chain.restart()
-        skipped = (np.diff(np.flatnonzero(there), prepend=-1) - 1).tolist()
-        values = readings[there]
-        filtered = chain.apply(values, skipped)
-        mean[draw, there], variance[draw, there] = filtered.mean_mm, filtered.relative_variance
-        covariance[draw, there] = filtered.covariance_mm2
-        if walk and zeros:
-            zeros.restart()
-            tracked = zeros.track(values, skipped, filtered)
-            mean[draw, there] -= tracked.zero_mm
-            noise_mm2 = filtered.relative_variance * noise_mm**2
-            drift[draw, there] = beyond_start(tracked, walk, filtered.mean_mm, noise_mm2)
-    # A channel whose newest reading is not good takes no part, whatever its filter still holds.
-    valid = ~(np.isnan(mean) | np.isnan(readings_mm))
-    every = (-1, channels)
+    swings = surface.slowest_period, surface.unseen_swing
+    chain = chain_of(metadata.filter, channels, noise_mm, per_count_mm, *swings)
+    tracking = None
+    if walk is not None:
+        rate_hz = metadata.sensor.rate_hz
+        tracking = walk, Zeros(walk, rate_hz, noise_mm, per_count_mm, surface.slowest_period, channels)
+    samples = replay(chain, readings_mm, came=came, tracking=tracking)
+    valid, flat = ~np.isnan(samples.mean_mm), (-1, channels)
     return Weighed(
-        np.where(valid, mean, 0.0).reshape(every),
-        covariance.reshape(-1, channels, channels),
-        np.nan_to_num(variance).reshape(every) * noise_mm**2,
-        valid.reshape(every),
-    ).with_zeros(np.square(drift).reshape(-1, 2) if drift.any() else None)
+        np.where(valid, samples.mean_mm, 0.0).reshape(flat),
+        samples.covariance_mm2.reshape(-1, channels, channels),
+        np.nan_to_num(samples.relative_variance).reshape(flat) * noise_mm**2,
+        valid.reshape(flat),
+    ).with_zeros(np.square(samples.drift_mm).reshape(-1, 2) if samples.drift_mm.any() else None)
