@@ -113,10 +113,11 @@ def answers_of_means(
     longest = min(surface.filter.max_readings, max(MOST, window))
     many = Touches.draw(prior, world, effort.of(KNOWN, LEAST_KNOWN), seed + 1)
     noise = np.random.default_rng([seed, prior.channels]).normal(size=many.shown_mm.shape)
-    usual = many.plain_errors_mm(run, window, noise) * many.drawn.weight
+    counts = sorted({min(FIRST, longest), window, min(4 * window, longest), longest})
+    errors_mm = {count: many.plain_errors_mm(run, count, noise) * many.drawn.weight for count in counts}
     answers = []
-    for count in sorted({min(FIRST, longest), window, min(4 * window, longest), longest}):
-        ratio = ratio_of(many.plain_errors_mm(run, count, noise) * many.drawn.weight, usual)
+    for count in counts:
+        ratio = ratio_of(errors_mm[count], errors_mm[window])
         scatter = math.hypot(ratio.standard_error * error_mm.value, ratio.value * error_mm.standard_error)
         answers.append(Answer(count, count * 1e3 / rate_hz, Measurement(ratio.value * error_mm.value, scatter)))
     return answers
