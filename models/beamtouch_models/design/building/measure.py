@@ -94,8 +94,8 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
         placed=LayoutErrors(
             criterion=aim.criterion,
             spare=aim.spare,
-            limit_without_percent=[one.value for one in failed],
-            limit_without_standard_error=[one.standard_error for one in failed],
+            limit_without_percent=[without.value for without in failed],
+            limit_without_standard_error=[without.standard_error for without in failed],
         ),
         golden=_golden(prior, run, seed + 3),
     )
@@ -149,12 +149,12 @@ def _accuracy(
     error, least = reached.error_mm.scaled(percent), reached.limit_mm.scaled(percent)
     since_touch = []
     plain = answers_of_means(prior, run, surface, world, reached.error_mm, seed, effort)
-    for one in answers_since_touch(plain, prior, run, surface, world, seed, effort):
-        at_once, ringing = one.error_mm.scaled(percent), one.ringing_mm
+    for answer in answers_since_touch(plain, prior, run, surface, world, seed, effort):
+        at_once, ringing = answer.error_mm.scaled(percent), answer.ringing_mm
         since_touch.append(
             SinceTouch(
-                since_ms=one.since_ms,
-                readings=one.readings,
+                since_ms=answer.since_ms,
+                readings=answer.readings,
                 error_percent=at_once.value,
                 error_standard_error=at_once.standard_error,
                 ringing_percent=None if ringing is None else ringing.value * percent,
