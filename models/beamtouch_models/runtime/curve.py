@@ -96,7 +96,7 @@ class Curve:
         shape, slope = self.at(place)
         first = place, force, _explained(weight, force, shape, linear_mm)
         for _ in range(STEPS):
-            moved, left = force[:, None, None] * slope, linear_mm - force[:, None] * shape
+            moved, residual_mm = force[:, None, None] * slope, linear_mm - force[:, None] * shape
             if known_force_n is None:
                 # A change along the shape may as well come from the force.
                 square = np.maximum(_dot(weight, shape, shape), _TINY)
@@ -104,7 +104,7 @@ class Curve:
                 across = moved - shape[:, :, None] * along_shape[:, None]
             else:
                 across = moved
-            place = np.clip(place + _step(weight, moved, across, left), low, high)
+            place = np.clip(place + _step(weight, moved, across, residual_mm), low, high)
             shape, slope = self.at(place)
             if known_force_n is None:
                 force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)
@@ -118,8 +118,8 @@ class Curve:
         The arguments are those of `best_contacts`.
         """
         place, force = self.best_contacts(linear_mm, weight)
-        left = linear_mm - np.maximum(force, 0.0)[:, None] * self.at(place)[0]
-        return _dot(weight, left, left)
+        residual_mm = linear_mm - np.maximum(force, 0.0)[:, None] * self.at(place)[0]
+        return _dot(weight, residual_mm, residual_mm)
 
 
 @dataclass(frozen=True)

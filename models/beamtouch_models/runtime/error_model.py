@@ -103,26 +103,26 @@ def whitening(
     if valid is None or valid.all():
         return _of_all(covariance_mm2, floor_mm2(deflection_mm, gain, zero_mm))
     floor = floor_mm2(np.where(valid, deflection_mm, 0.0), gain, zero_mm)
-    both = valid[:, :, None] & valid[:, None, :]
+    valid_pairs = valid[:, :, None] & valid[:, None, :]
     # A variance of 1 stands in for a missing channel; it is correlated with no other.
     missing = np.where(valid, 0.0, 1.0)
-    total = np.where(both, covariance_mm2, missing[:, :, None] * np.eye(valid.shape[1]))
-    return np.where(both, _of_all(total, np.where(valid, floor, 0.0)), 0.0)
+    total = np.where(valid_pairs, covariance_mm2, missing[:, :, None] * np.eye(valid.shape[1]))
+    return np.where(valid_pairs, _of_all(total, np.where(valid, floor, 0.0)), 0.0)
 
 
 def _of_all(covariance_mm2: Floats, floor_mm2: Floats) -> Floats:
     """Return the whitening where no channel is missing; `floor_mm2` (samples, channels) adds to the variances."""
     samples, channels = floor_mm2.shape
     variances, cells = slice(None, None, channels + 1), (-1, channels * channels)
-    stated = covariance_mm2.reshape(cells)[:, variances]
-    variance = stated + floor_mm2
+    sample_variance_mm2 = covariance_mm2.reshape(cells)[:, variances]
+    variance = sample_variance_mm2 + floor_mm2
     if not (variance.min(initial=np.inf) > 0 and variance.max(initial=0.0) < np.inf):  # False for NaN
         raise ValueError("covariance_mm2: every variance must be a positive finite number")
     deviation = np.sqrt(variance)
-    if np.count_nonzero(covariance_mm2) == np.count_nonzero(stated):
-        whole = np.zeros((samples, channels * channels))
-        whole[:, variances] = 1.0 / deviation
-        return whole.reshape(samples, channels, channels)
+    if np.count_nonzero(covariance_mm2) == np.count_nonzero(sample_variance_mm2):
+        diagonal = np.zeros((samples, channels * channels))
+        diagonal[:, variances] = 1.0 / deviation
+        return diagonal.reshape(samples, channels, channels)
     # The factor of the correlations is exact where channels differ in scale.
     total = np.empty((samples, channels, channels))
     np.divide(covariance_mm2, deviation[:, :, None], out=total)

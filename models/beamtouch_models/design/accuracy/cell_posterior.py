@@ -59,7 +59,7 @@ def _likely_box(box: Extent, density: Floats) -> Extent:
     """
     rise = np.zeros_like(density)
     for axis in range(density.ndim):
-        ends = [(1, 1) if other == axis else (0, 0) for other in range(density.ndim)]
+        ends = [(1, 1) if index == axis else (0, 0) for index in range(density.ndim)]
         beside = np.moveaxis(np.pad(density, ends, mode="edge"), axis, 0)
         lower, higher = np.minimum(beside[:-2], beside[2:]), np.maximum(beside[:-2], beside[2:])
         along = np.moveaxis(density, axis, 0)
@@ -67,8 +67,9 @@ def _likely_box(box: Extent, density: Floats) -> Extent:
     likely = density + rise >= density.max() - NEGLIGIBLE
     ranges = []
     for axis, (low, high) in enumerate(box.ranges_mm):
-        there = np.flatnonzero(likely.any(axis=tuple(other for other in range(density.ndim) if other != axis)))
-        first, last = max(int(there[0]) - 2, 0), min(int(there[-1]) + 3, CELLS)
+        other_axes = tuple(index for index in range(density.ndim) if index != axis)
+        cells = np.flatnonzero(likely.any(axis=other_axes))
+        first, last = max(int(cells[0]) - 2, 0), min(int(cells[-1]) + 3, CELLS)
         ranges.append((low + (high - low) * first / CELLS, low + (high - low) * last / CELLS))
     return Extent(tuple(ranges))
 
@@ -79,7 +80,7 @@ def _summary(box: Extent, density: Floats) -> tuple[Floats, float]:
     mass /= mass.sum()
     median = np.empty(box.axes)
     for axis, ends in enumerate(box.ranges_mm):
-        marginal = mass.sum(axis=tuple(other for other in range(box.axes) if other != axis))
+        marginal = mass.sum(axis=tuple(other_axis for other_axis in range(box.axes) if other_axis != axis))
         median[axis] = np.interp(0.5, np.concatenate([[0.0], np.cumsum(marginal)]), np.linspace(*ends, CELLS + 1))
     apart = np.linalg.norm(box.middles(CELLS**box.axes) - median, axis=1)
     return median, float(mass.ravel() @ apart)

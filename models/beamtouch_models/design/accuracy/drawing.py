@@ -102,7 +102,7 @@ def concentrated_ticks(prior: Prior, cells: int) -> list[Floats]:
     """Return the edges along each axis of about this number of cells, narrower where errors are large."""
     ticks, often = prior.extent.ticks(cells + 1), _how_often(prior)
     axes = range(often.ndim)
-    along = [often.mean(axis=tuple(other for other in axes if other != axis)) for axis in axes]
+    along = [often.mean(axis=tuple(other_axis for other_axis in axes if other_axis != axis)) for axis in axes]
     pairs = zip(along, prior.extent.ranges_mm, ticks, strict=True)
     return [_concentrate(shares, ends, even)[0] for shares, ends, even in pairs]
 

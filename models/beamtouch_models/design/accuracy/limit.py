@@ -67,7 +67,7 @@ def compare_limits(prior: Prior, others: Sequence[Prior], draws: int, seed: int)
     for compared in (prior, *others):
         clean, deviation = compared.sampled(place, force)
         errors.append(_errors_percent(compared, clean + deviation * noise, weight))
-    return [ComparedLimit(mean_of(other), ratio_of(other, errors[0])) for other in errors[1:]]
+    return [ComparedLimit(mean_of(error_percent), ratio_of(error_percent, errors[0])) for error_percent in errors[1:]]
 
 
 def limits_without(prior: Prior, missing: Iterable[Sequence[int]], draws: int, seed: int) -> Iterator[ComparedLimit]:
@@ -76,11 +76,11 @@ def limits_without(prior: Prior, missing: Iterable[Sequence[int]], draws: int, s
     `missing` has the indices of the channels that each lacks.
     """
     drawn = draw_evenly(prior, draws, seed)
-    whole = _errors_percent(prior, drawn.deflection_mm, drawn.weight)
+    errors_of_all = _errors_percent(prior, drawn.deflection_mm, drawn.weight)
     for lacking in missing:
         sample_mm = np.delete(drawn.deflection_mm, lacking, axis=1)
         errors = _errors_percent(prior.without(*lacking), sample_mm, drawn.weight)
-        yield ComparedLimit(mean_of(errors), ratio_of(errors, whole))
+        yield ComparedLimit(mean_of(errors), ratio_of(errors, errors_of_all))
 
 
 def limits_with_one_failed(prior: Prior, limit: Measurement, seed: int, effort: Effort = USUAL) -> list[Measurement]:
@@ -90,11 +90,11 @@ def limits_with_one_failed(prior: Prior, limit: Measurement, seed: int, effort: 
     """
     if prior.channels == 1:
         return []
-    found, draws = [], effort.of(FAILED_DRAWS, LEAST_DRAWS)
-    for one in limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed):
-        scatter = math.hypot(one.ratio.standard_error * limit.value, one.ratio.value * limit.standard_error)
-        found.append(Measurement(one.ratio.value * limit.value, scatter))
-    return found
+    limits, draws = [], effort.of(FAILED_DRAWS, LEAST_DRAWS)
+    for compared in limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed):
+        scatter = math.hypot(compared.ratio.standard_error * limit.value, compared.ratio.value * limit.standard_error)
+        limits.append(Measurement(compared.ratio.value * limit.value, scatter))
+    return limits
 
 
 def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats) -> Floats:
@@ -166,14 +166,14 @@ def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, 
     # With a random shift, averages over the likely positions are unbiased.
     shift = np.random.default_rng([seed, LIKELY]).uniform(size=(len(drawn.position_mm), 1))
     levels = np.column_stack([np.full(len(shift), 0.5), (np.arange(LIKELY) + shift) / LIKELY])
-    found = []
+    quantiles_of_parts = []
     length = CHUNK * max(1, -(-len(shift) // (CHUNK * REPORTS)))
     parts = [slice(start, start + length) for start in range(0, len(shift), length)]
     for quantiles in spread(_quantiles, [(prior, drawn.deflection_mm[part], levels[part]) for part in parts]):
-        found.append(quantiles)
-        progress(len(found) / len(parts))
-    whole = np.concatenate(found)
-    return Contacts(drawn, whole[:, 1:-1], whole[:, 0], whole[:, -1])
+        quantiles_of_parts.append(quantiles)
+        progress(len(quantiles_of_parts) / len(parts))
+    quantiles_mm = np.concatenate(quantiles_of_parts)
+    return Contacts(drawn, quantiles_mm[:, 1:-1], quantiles_mm[:, 0], quantiles_mm[:, -1])
 
 
 def _quantiles(task: tuple[Prior, Floats, Floats]) -> Floats:

@@ -142,15 +142,15 @@ def summaries(grids: Floats, log_density: Floats, levels: Floats) -> Floats:
     quantiles = start + part * (end - start)
     length = grids[:, -1:] - grids[:, :1]
     step = np.diff(grids, axis=1) / length
-    whole = np.zeros_like(below)
+    integral = np.zeros_like(below)
     areas = step * (below[:, 1:] + below[:, :-1]) / 2 - step**2 / 12 * np.diff(density, axis=1)
-    np.cumsum(areas, axis=1, out=whole[:, 1:])
+    np.cumsum(areas, axis=1, out=integral[:, 1:])
     # Within the cell of the median, which is the last level, the density is a straight line.
     along = np.take_along_axis(step, cell, axis=1)[:, -1] * part[:, -1]
     rise = before[:, -1] / 2 + (after - before)[:, -1] * part[:, -1] / 6
-    to_median = at_ends(whole)[0][:, -1] + along * (low[:, -1] + along * rise)
+    to_median = at_ends(integral)[0][:, -1] + along * (low[:, -1] + along * rise)
     beyond = 1 - (start[:, -1] - grids[:, 0]) / length[:, 0] - along
-    distance = length[:, 0] * (2 * to_median - whole[:, -1] + beyond)
+    distance = length[:, 0] * (2 * to_median - integral[:, -1] + beyond)
     return np.column_stack([quantiles[:, :-1], distance])
 
 

@@ -178,13 +178,13 @@ class Prior:
 
     def without(self, *missing: int) -> Self:
         """Return the prior of the surface without some channels; `measured` remains that of all."""
-        kept = np.setdiff1d(np.arange(self.channels), missing)
+        working = np.setdiff1d(np.arange(self.channels), missing)
         return replace(
             self,
-            channels=len(kept),
-            errors=self.errors.take(kept, self.channels),
-            influence_at=partial(_columns, self.influence_at, kept),
-            variance_at=None if self.variance_at is None else partial(_columns, self.variance_at, kept),
+            channels=len(working),
+            errors=self.errors.take(working, self.channels),
+            influence_at=partial(_columns, self.influence_at, working),
+            variance_at=None if self.variance_at is None else partial(_columns, self.variance_at, working),
         )
 
 

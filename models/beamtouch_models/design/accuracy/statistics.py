@@ -51,8 +51,8 @@ def mean_of(values: Floats, weight: Floats | None = None) -> Measurement:
 
 def share_of(happened: Bools, weight: Floats | None = None) -> Measurement:
     """Return the share of cases; its standard error is not zero even if none or all of them happened."""
-    found = mean_of(happened.astype(np.float64), weight)
-    return Measurement(found.value, 1 / len(happened)) if found.value in (0.0, 1.0) else found
+    share = mean_of(happened.astype(np.float64), weight)
+    return Measurement(share.value, 1 / len(happened)) if share.value in (0.0, 1.0) else share
 
 
 def quantile_of(values: Floats, level: float, weight: Floats | None = None) -> Measurement:

@@ -95,9 +95,12 @@ def touch_thresholds(prior: Prior, rate: float) -> list[float]:
     The threshold of a size is that of its worst set. It is one of neighbours, the last beside the first: they share a
     contact the most evenly, so that the most zeros add up.
     """
-    whole, noise, every = shapes_at_rest(prior), noise_at_rest(prior), np.arange(prior.channels)
+    shapes, noise, every = shapes_at_rest(prior), noise_at_rest(prior), np.arange(prior.channels)
     sets = [[np.roll(every, -first)[:size] for first in every] for size in every + 1]
-    return [max(touch_threshold(directions(whole[:, kept]), noise[kept], rate) for kept in each) for each in sets]
+    return [
+        max(touch_threshold(directions(shapes[:, working]), noise[working], rate) for working in same_size)
+        for same_size in sets
+    ]
 
 
 def touch_threshold(unit: Floats, noise: Floats, rate: float) -> float:
@@ -149,11 +152,11 @@ def _threshold_of_squares(noise: float, channels: int, free: int, per_day_hz: fl
     # nothing, are odd together less often than means of two.
     shared = 2 * max(readings, 2)
     squares = shared / (shared - PERSISTENCE + 1)
-    each = float(ndtr(-np.sqrt(squares * chdtri(free, rate ** (1 / squares)))))
+    rate_per_direction = float(ndtr(-np.sqrt(squares * chdtri(free, rate ** (1 / squares)))))
     unit = np.random.default_rng(channels).normal(size=(DIRECTIONS, channels))
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    whole = np.full(channels, noise)
-    return height_exceeded(unit, whole, whole / np.sqrt(squares), each) ** 2
+    deviation = np.full(channels, noise)
+    return height_exceeded(unit, deviation, deviation / np.sqrt(squares), rate_per_direction) ** 2
 
 
 def height_exceeded(unit: Floats, whole: Floats, noise: Floats, rate: float) -> float:
@@ -243,9 +246,9 @@ def smallest_force_n(prior: Prior, threshold: float, place_mm: Floats) -> Floats
         return log_odds(unit, size[:, None] * along[place]) - threshold
 
     most = 2 * np.sqrt(2 * threshold) + 8
-    found = find_root(above, (0.0, most), args=(np.arange(len(along)),))
+    root = find_root(above, (0.0, most), args=(np.arange(len(along)),))
     with np.errstate(divide="ignore"):
-        force: Floats = (np.where(found.success, found.x, most) + SURELY) / size_per_n(prior, place_mm)
+        force: Floats = (np.where(root.success, root.x, most) + SURELY) / size_per_n(prior, place_mm)
     return force
 
 

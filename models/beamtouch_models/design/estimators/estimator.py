@@ -37,7 +37,7 @@ def fewest_channels(prior: Prior, seed: int, effort: Effort = USUAL) -> int:
     for size in range(1, prior.channels):
         neighbours = (tuple(range(start, start + size)) for start in range(prior.channels - size + 1))
         sets = neighbours if comb(prior.channels, size) > MAX_SETS else combinations(every, size)
-        missing = (sorted(set(every) - set(kept)) for kept in sets)
+        missing = (sorted(set(every) - set(working)) for working in sets)
         limits = limits_without(prior, missing, effort.of(DRAWS, LEAST_DRAWS), seed)
         if all(compared.limit.value <= ENOUGH * guess_percent for compared in limits):
             return size

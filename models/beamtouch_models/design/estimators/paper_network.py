@@ -82,7 +82,7 @@ class _Stack:
     output_step: Floats
 
     def keep(self, wanted: Bools) -> "_Stack":
-        weights = (one[wanted] for one in (self.hidden, self.output, self.hidden_step, self.output_step))
+        weights = (weight[wanted] for weight in (self.hidden, self.output, self.hidden_step, self.output_step))
         return _Stack(np.ascontiguousarray(self.patterns[:, wanted]), *weights)
 
     def composite_error(self, target: Floats) -> Floats:

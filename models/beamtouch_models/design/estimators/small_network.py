@@ -100,22 +100,22 @@ def train(
     # The matrices are small: a second thread costs more than it saves, and makes the order of sums random.
     with threadpool_limits(1, user_api="blas"):
         options = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-8}
-        found = minimize(loss, start, jac=True, method="L-BFGS-B", options=options)
-    return Network(table, prior.largest_mm, layers_of(found.x, sizes))
+        optimum = minimize(loss, start, jac=True, method="L-BFGS-B", options=options)
+    return Network(table, prior.largest_mm, layers_of(optimum.x, sizes))
 
 
 def _examples(prior: Prior, table: Table, fewest: int, rng: np.random.Generator, size: int) -> tuple[Floats, Floats]:
     """Draw samples (size, channels), 0 where a channel is missing, and their nodes (size,), scaled to -1 .. 1."""
     place, force = prior.extent.uniform(size, rng), rng.uniform(*prior.force_n, size=size)
     reading = prior.draw(place, force, rng)
-    kept = [
-        np.isin(np.arange(prior.channels), one)
+    masks = [
+        np.isin(np.arange(prior.channels), working)
         for count in range(fewest, prior.channels)
-        for one in combinations(range(prior.channels), count)
+        for working in combinations(range(prior.channels), count)
     ]
-    if kept:
+    if masks:
         lacking = np.flatnonzero(rng.random(size) < MISSING_SHARE)
-        reading[lacking] *= np.array(kept)[rng.integers(len(kept), size=len(lacking))]
+        reading[lacking] *= np.array(masks)[rng.integers(len(masks), size=len(lacking))]
     nodes = np.linspace(-1.0, 1.0, len(table.position_mm))
     return reading, np.interp(place[:, 0], table.position_mm, nodes)
 

@@ -72,7 +72,7 @@ def _forces_n_per_k(beam: Beam) -> Floats | None:
     """Return the compression per kelvin of each stretch between two supports that hold the beam, (stretches,)."""
     if beam.expansion_per_k is None or len(holding_mm(beam)) < 2:
         return None
-    found, ends = [], [0.0, *(section.to_mm for section in beam.sections)]
+    forces_n_per_k, ends = [], [0.0, *(section.to_mm for section in beam.sections)]
     with np.errstate(all="ignore"):
         for low, high in pairwise(holding_mm(beam)):
             compliance = np.float64(0.0)
@@ -82,8 +82,8 @@ def _forces_n_per_k(beam: Beam) -> Floats | None:
                     return None
                 per_mm = np.square(np.float64(section.thickness_mm or 0.0)) / (12 * section.rigidity_n_mm2)
                 compliance += inside_mm * per_mm
-            found.append(beam.expansion_per_k * (high - low) / compliance)
-    return np.array(found)
+            forces_n_per_k.append(beam.expansion_per_k * (high - low) / compliance)
+    return np.array(forces_n_per_k)
 
 
 def _softest_per_n(beam: Beam, share: Floats) -> float:

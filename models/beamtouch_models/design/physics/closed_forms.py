@@ -108,12 +108,12 @@ def patch_influence(span: Span, sensor_mm: Floats, low_mm: Floats, high_mm: Floa
     total = np.zeros(np.broadcast_shapes(x.shape, low.shape))
     for start, end in ((low, middle), (middle, high)):
         share = np.where(wide, (end - start) / np.where(wide, width, 1.0), 0.5)
-        for at in GAUSS:
+        for fraction in GAUSS:
             place = (
-                (start - span.start_mm) * (1 - at) + (end - span.start_mm) * at,
-                (span.end_mm - start) * (1 - at) + (span.end_mm - end) * at,
+                (start - span.start_mm) * (1 - fraction) + (end - span.start_mm) * fraction,
+                (span.end_mm - start) * (1 - fraction) + (span.end_mm - end) * fraction,
             )
-            apart = np.abs(start - x) * (1 - at) + np.abs(end - x) * at
+            apart = np.abs(start - x) * (1 - fraction) + np.abs(end - x) * fraction
             total += share / 2 * _deflection(span, at_sensor, place, apart)
     return total
 

@@ -69,8 +69,8 @@ def stiffness(of: Elements) -> Floats:
     across = -of.clamp[:, [1, 0], :]
     top = np.concatenate([right * np.outer(MIRROR, MIRROR), across], axis=-1)
     bottom = np.concatenate([np.swapaxes(across, -1, -2), right], axis=-1)
-    whole = np.concatenate([top, bottom], axis=-2)
-    symmetric: Floats = (whole + np.swapaxes(whole, -1, -2)) / 2
+    matrix = np.concatenate([top, bottom], axis=-2)
+    symmetric: Floats = (matrix + np.swapaxes(matrix, -1, -2)) / 2
     return symmetric
 
 
@@ -92,8 +92,8 @@ def rigid_forces(of: Elements) -> Floats:
 @cache
 def gauss_rule(points: int) -> tuple[tuple[float, float], ...]:
     """Return places and weights on 0..1 that integrate polynomials of a degree below twice their number."""
-    at, weight = np.polynomial.legendre.leggauss(points)
-    return tuple(zip(((1 + at) / 2).tolist(), (weight / 2).tolist(), strict=True))
+    node, weight = np.polynomial.legendre.leggauss(points)
+    return tuple(zip(((1 + node) / 2).tolist(), (weight / 2).tolist(), strict=True))
 
 
 def shapes(from_left: Floats, from_right: Floats, of: Elements) -> Floats:

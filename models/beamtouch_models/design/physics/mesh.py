@@ -243,9 +243,9 @@ def _nodal_loads(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> Floats:
     start, end = np.maximum(low, left), np.minimum(high, right)
     share, length, of = _share(start, end, high - low, 1), mesh.length_mm, mesh.elements.pick(element)
     total = np.zeros((len(low_mm), 2 * len(mesh.node_mm)))
-    for at, weight in _rule(mesh, low_mm, high_mm):
-        from_left = ((start - left) * (1 - at) + (end - left) * at) / length
-        from_right = ((right - start) * (1 - at) + (right - end) * at) / length
+    for fraction, weight in _rule(mesh, low_mm, high_mm):
+        from_left = ((start - left) * (1 - fraction) + (end - left) * fraction) / length
+        from_right = ((right - start) * (1 - fraction) + (right - end) * fraction) / length
         forces = (weight * share)[:, None] * shapes(from_left, from_right, of)
         np.add.at(total, (contact[:, None], 2 * element[:, None] + np.arange(4)), forces)
     return total
@@ -267,8 +267,8 @@ def _add_within_elements(mesh: Mesh, matrix: Floats, sensor_mm: Floats, low_mm: 
         pieces = [(start, end)] if len(rule) == 1 else [(start, middle), (middle, end)]
         for first, final in pieces:
             share = _share(first, final, high - low, len(pieces))
-            for at, weight in rule:
-                load = first * (1 - at) + final * at
+            for fraction, weight in rule:
+                load = first * (1 - fraction) + final * fraction
                 near = (np.minimum(x, load) - left) / mesh.length_mm
                 far = (right - np.maximum(x, load)) / mesh.length_mm
                 matrix[np.ix_(rows, columns)] += weight * share * clamped(near, far, of)

@@ -213,9 +213,9 @@ class Modes:
             return None
         place, mass = points
         squares, vectors = np.linalg.eigh(_flexibility_s2(beam, place, mass))
-        kept = np.flatnonzero(squares > MIN_SQUARE * squares[-1])[: -MODES - 1 : -1]
-        moved = np.sqrt(mass)[:, None] * vectors[:, kept] / squares[kept]
-        return cls(beam, width_mm, place, moved, squares[kept])
+        modes = np.flatnonzero(squares > MIN_SQUARE * squares[-1])[: -MODES - 1 : -1]
+        moved = np.sqrt(mass)[:, None] * vectors[:, modes] / squares[modes]
+        return cls(beam, width_mm, place, moved, squares[modes])
 
     def at(self, sensor_mm: Floats) -> Floats:
         """Return the shapes at points of the beam, (points, modes) in kg^(-1/2)."""
@@ -242,10 +242,10 @@ class Swings:
 
         `seconds` (loads, readings) count from its beginning. Returns (loads, readings, sensors) in mm.
         """
-        found = np.empty((*seconds.shape, self.share_mm.shape[1]))
+        ringing_mm = np.empty((*seconds.shape, self.share_mm.shape[1]))
         for index, (omega, share) in enumerate(zip(self.omega, self.share_mm, strict=True)):
-            found[index] = swing(seconds[index][:, None], omega, damping_ratio, lasting_s) @ share.T
-        return found
+            ringing_mm[index] = swing(seconds[index][:, None], omega, damping_ratio, lasting_s) @ share.T
+        return ringing_mm
 
 
 def swings(sensor_shapes: Floats, load_shapes: Floats, square_s2: Floats, force_n: Floats, weight_kg: Floats) -> Swings:
@@ -288,10 +288,10 @@ def beyond_rest(target: Floats, step_s: float, omega: Floats, damping_ratio: flo
     The target (loads, steps, modes) is straight between its steps, which are `step_s` apart; then the result is exact.
     `omega` (modes,) are angular frequencies in 1/s.
     """
-    found, followed = np.zeros(target.shape), Following(target[:, 0], damping_ratio)
+    deviation, followed = np.zeros(target.shape), Following(target[:, 0], damping_ratio)
     for step in range(1, target.shape[1]):
-        found[:, step] = followed.step(omega * step_s, target[:, step - 1], target[:, step]) - target[:, step]
-    return found
+        deviation[:, step] = followed.step(omega * step_s, target[:, step - 1], target[:, step]) - target[:, step]
+    return deviation
 
 
 class Following:

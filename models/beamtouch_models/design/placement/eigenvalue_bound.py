@@ -76,10 +76,10 @@ def bound_layouts(product: EigenvalueProduct, weights: Floats, mask: Bools) -> t
     # T inverts the first eigenvalues. It stops where the sum of the remaining ones, divided among the remaining leading
     # components, reaches the next eigenvalue; beyond, and outside the coordinates, T is 1 over that quotient.
     shares = np.cumsum(spectrum[::-1])[::-1][:leading] / (leading - np.arange(leading))
-    whole = int(np.argmax(shares >= spectrum[:leading]))
-    inverse = np.full(len(spectrum), 1 / shares[whole])
-    inverse[:whole] = 1 / spectrum[:whole]
-    price = inverse @ (vectors[:, ::-1].T @ product.features) ** 2 + product.tail / shares[whole]
+    inverted = int(np.argmax(shares >= spectrum[:leading]))
+    inverse = np.full(len(spectrum), 1 / shares[inverted])
+    inverse[:inverted] = 1 / spectrum[:inverted]
+    price = inverse @ (vectors[:, ::-1].T @ product.features) ** 2 + product.tail / shares[inverted]
     constant = leading * (product.offset - 1) - np.log(inverse[:leading]).sum()
     return product.rules.on_line.best_through(np.where(mask, price, -np.inf)) + constant, price
 

@@ -50,7 +50,7 @@ def principal_components(matrix: Floats) -> Components:
         An entry is not finite, or the eigenvalues are beyond the range of float64.
     """
     scaled, size = _scaled(matrix)
-    left, triangle, order = qr(scaled, mode="economic", pivoting=True)
+    orthonormal, triangle, order = qr(scaled, mode="economic", pivoting=True)
     rows, singular, columns = np.linalg.svd(triangle, full_matrices=False)
     with np.errstate(over="ignore", under="ignore"):
         eigenvalues = (singular * size / np.sqrt(len(matrix))) ** 2
@@ -61,7 +61,7 @@ def principal_components(matrix: Floats) -> Components:
     vectors[order] = columns.T
     largest = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=0)[None, :], axis=0)
     sign = np.where(largest < 0, -1.0, 1.0)
-    return Components(eigenvalues, vectors * sign, left @ rows * (singular * size) * sign)
+    return Components(eigenvalues, vectors * sign, orthonormal @ rows * (singular * size) * sign)
 
 
 def discernible(eigenvalues: Floats, noise: float) -> int:

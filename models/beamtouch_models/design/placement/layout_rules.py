@@ -73,14 +73,14 @@ class LayoutRules:
 
     def allowed(self, layouts: Indices) -> Bools:
         """Return whether each layout (population, sensors) keeps the distance and has all fixed sensors."""
-        kept = np.ones(len(layouts), dtype=np.bool_)
+        allowed = np.ones(len(layouts), dtype=np.bool_)
         pairs = np.array(list(combinations(range(layouts.shape[1]), 2)), dtype=np.intp).reshape(-1, 2)
         places = self.place_mm[layouts]
         apart = np.hypot.reduce(np.abs(places[:, pairs[:, 0]] - places[:, pairs[:, 1]]), axis=2)
-        kept &= np.all(apart >= self.gap_mm, axis=1)
+        allowed &= np.all(apart >= self.gap_mm, axis=1)
         for index in self.fixed:
-            kept &= np.any(layouts == index, axis=1)
-        return kept
+            allowed &= np.any(layouts == index, axis=1)
+        return allowed
 
     def moved(self, layout: Indices, steps: Indices) -> Indices:
         """Return a layout (sensors,) moved by steps (moves, sensors, axes) on the grid, (moves, sensors).

@@ -288,10 +288,10 @@ def mean_distances(edges_mm: list[Floats], log_density: Floats) -> Floats:
     if len(widths) == 1:
         return _mean_distances(widths[0], mass)
     masses, axes = mass.reshape(len(mass), *map(len, widths)), range(1, len(widths) + 1)
-    along = [masses.sum(axis=tuple(other for other in axes if other != axis)) for axis in axes]
+    along = [masses.sum(axis=tuple(other_axis for other_axis in axes if other_axis != axis)) for axis in axes]
     distances = [_mean_distances(width, marginal) for width, marginal in zip(widths, along, strict=True)]
-    both: Floats = np.hypot.reduce(distances)
-    return both
+    distance: Floats = np.hypot.reduce(distances)
+    return distance
 
 
 def _mean_distances(width: Floats, mass: Floats) -> Floats:

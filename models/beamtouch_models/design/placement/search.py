@@ -190,8 +190,10 @@ def _moves(count: int, axes: int) -> Indices:
     steps = [np.eye(axes, dtype=np.intp)[axis] * sign for axis in range(axes) for sign in (-1, 1)]
     alone = [[_move(count, {sensor: step}) for step in steps] for sensor in range(count)]
     pairs = combinations(range(count), 2) if count <= MAX_PAIRS_OF else pairwise(range(count))
-    both = [_move(count, {one: first, other: second}) for one, other in pairs for first in steps for second in steps]
-    return np.array([*(move for moves in alone for move in moves), *both])
+    in_pairs = [
+        _move(count, {pair[0]: first, pair[1]: second}) for pair in pairs for first in steps for second in steps
+    ]
+    return np.array([*(move for moves in alone for move in moves), *in_pairs])
 
 
 def _move(count: int, steps: dict[int, Indices]) -> Indices:

@@ -200,11 +200,11 @@ def check_errors(scene: Scene, errors: ReadingErrors, chosen: FilterChoice, defl
     """
     check_scale(errors.behind(chosen).sample_mm, deflection_mm)
     if max(errors.zero_mm, errors.warmth_mm) > MAX_NOISE * deflection_mm:
-        stated = f"zero_drift_mm = {digits(errors.zero_mm, 3)}"
+        setting = f"zero_drift_mm = {digits(errors.zero_mm, 3)}"
         if errors.warmth_mm > errors.zero_mm:
-            stated = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
+            setting = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
         raise SceneError(
-            f"sensors.{stated} hides the largest deflection, {digits(deflection_mm, 3)} mm; "
+            f"sensors.{setting} hides the largest deflection, {digits(deflection_mm, 3)} mm; "
             "tare more often, use better sensors or a softer beam"
         )
 

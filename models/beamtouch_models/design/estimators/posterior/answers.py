@@ -183,8 +183,8 @@ def _densities(forces: Forces, ends: Floats) -> Floats:
     middle = (ends[1:] + ends[:-1]) / 2
     pieces = [piece for piece in forces if piece.low_n < piece.high_n]
     inside = [(piece.low_n < middle) & (middle < piece.high_n) for piece in pieces]
-    found: Floats = np.select(inside, [piece.share / (piece.high_n - piece.low_n) for piece in pieces])
-    return found
+    density: Floats = np.select(inside, [piece.share / (piece.high_n - piece.low_n) for piece in pieces])
+    return density
 
 
 def _weighted(graph: Graph, ends: str, weights: Floats) -> str:
@@ -216,8 +216,8 @@ def state_force(graph: Graph, force_n: tuple[float, float], scored: Scored, post
     square = graph.apply("Mul", off, off)
     square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), scored.precision))
     variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
-    both = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None]
-    value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both)))
+    deviations = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None]
+    value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(deviations)))
     value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * force_n[1]))
     first = graph.apply("Gather", value, graph.index(0), axis=1)
     graph.apply("Squeeze", first, graph.ints(1), output=FORCE_OUTPUTS[0])
@@ -232,8 +232,8 @@ def known_force(graph: Graph, known_n: float, found: Scored, root: str) -> tuple
     """
     forces = forces_of((known_n, known_n))
     ends, offset = _offset(graph, forces, root, found.force)
-    stated = _densities(forces, ends)[None] / forces[1].share
-    tails = _weighted(graph, graph.apply("Erf", offset), stated * np.sqrt(np.pi) / 2)
+    density = _densities(forces, ends)[None] / forces[1].share
+    tails = _weighted(graph, graph.apply("Erf", offset), density * np.sqrt(np.pi) / 2)
     square = graph.apply("Mul", offset, offset)
     distance = graph.apply("MatMul", graph.constant(-(ends == known_n)[None].astype(np.float64)), square)
     tails = graph.apply("Div", tails, root)
@@ -247,8 +247,8 @@ def state_known_force(graph: Graph, known_n: float, scored: Scored, posterior: s
     def mean_of(values: str, weights: str) -> str:
         return graph.apply("ReduceSum", graph.apply("Mul", weights, values), axis, keepdims=1)
 
-    other = graph.apply("Div", likely[1], graph.apply("Add", *likely))
-    tails = graph.apply("Mul", posterior, other)
+    tail_share = graph.apply("Div", likely[1], graph.apply("Add", *likely))
+    tails = graph.apply("Mul", posterior, tail_share)
     beyond = graph.apply("Sub", scored.force, known)
     # From the known force on, where there is most of the mass.
     mean = mean_of(beyond, tails)
@@ -258,8 +258,8 @@ def state_known_force(graph: Graph, known_n: float, scored: Scored, posterior: s
     part = graph.apply("ReduceSum", tails, axis, keepdims=1)
     at_known = graph.apply("Mul", graph.apply("Mul", mean, mean), graph.apply("Sub", graph.constant(1.0), part))
     variance = graph.apply("Add", mean_of(square, tails), graph.apply("Max", at_known, graph.constant(0.0)))
-    both = np.array([0.0, -NORMAL_975, NORMAL_975])
-    value = graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both))
+    deviations = np.array([0.0, -NORMAL_975, NORMAL_975])
+    value = graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(deviations))
     value = graph.apply("Add", graph.apply("Add", mean, known), value)
     value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * known_n))
     for name, result in zip(FORCE_OUTPUTS, graph.split(value, 3, 2), strict=True):

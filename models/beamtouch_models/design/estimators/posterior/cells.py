@@ -107,12 +107,12 @@ def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.Mod
     graph, cells, largest_n = Graph(), cells_of(prior, count), prior.force_n[1]
     variance = None if cells.variance is None else graph.constant(cells.variance.T)
     seen = whitened(graph, prior.largest_mm)
-    found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), variance)
-    least, misfit = lowest_of(graph, found.misfit)
+    fit = scored(graph, seen, largest_n, graph.constant(cells.influence.T), variance)
+    least, misfit = lowest_of(graph, fit.misfit)
     # Rounding may put the bottom below 0.
     graph.apply("ReduceL1", misfit, axes=[1, 2], keepdims=0, output="misfit")
     width = np.diff(cells.edges_mm)
     share = np.maximum(width / width.sum(), np.finfo(np.float32).tiny)
     grid = Grid(graph.constant(width), graph.constant(share), float(cells.edges_mm[0]))
-    outputs = state_answers(graph, prior, found, least, grid, with_force=with_force)
+    outputs = state_answers(graph, prior, fit, least, grid, with_force=with_force)
     return model(graph, prior.channels, outputs)

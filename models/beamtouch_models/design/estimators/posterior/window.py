@@ -128,14 +128,14 @@ def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force:
     rows = graph.constant(every[:-1]), graph.constant(np.diff(every, axis=0))
     edges = _edges(graph, _windows(graph, prior, seen, first(graph, seen), table.steps, rows), table)
     width, influence, variance = _cells(graph, prior, edges, table, rows)
-    found = scored(graph, seen, prior.force_n[1], influence, variance)
+    fit = scored(graph, seen, prior.force_n[1], influence, variance)
     low, high = prior.extent.position_mm
     share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
     share = graph.apply("Max", share, graph.constant(MIN_MASS))
-    least = graph.apply("ReduceMin", found.misfit, axes=[1, 2], keepdims=1)
+    least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2], keepdims=1)
     misfit = graph.apply("Mul", least, graph.constant(2.0))
     graph.apply("Squeeze", misfit, graph.ints(1, 2), output="misfit")
-    outputs = state_answers(graph, prior, found, least, Grid(width, share, low, fine=True), with_force=with_force)
+    outputs = state_answers(graph, prior, fit, least, Grid(width, share, low, fine=True), with_force=with_force)
     return model(graph, prior.channels, outputs)
 
 
@@ -158,14 +158,14 @@ def scan(prior: Prior, table: Table) -> FirstStage:
 
     def add(graph: Graph, seen: Whitened) -> tuple[list[str], list[str]]:
         spread = None if ends is None else graph.constant(((ends[0] + ends[1]) / 2).T)
-        found = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), spread)
-        any_force = best_two(graph, _unlikeliness(graph, found, found.misfit))
+        fit = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), spread)
+        any_force = best_two(graph, _unlikeliness(graph, fit, fit.misfit))
         if not prior.force_is_known:
             return any_force, []
-        left = graph.apply("Mul", found.shape, graph.constant(prior.force_n[1]))
-        left = graph.apply("Sub", found.own, left)
-        square = graph.apply("ReduceSumSquare", left, axes=[1], keepdims=1)
-        return any_force[:1], best_two(graph, _unlikeliness(graph, found, square))
+        explained = graph.apply("Mul", fit.shape, graph.constant(prior.force_n[1]))
+        residual = graph.apply("Sub", fit.own, explained)
+        square = graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
+        return any_force[:1], best_two(graph, _unlikeliness(graph, fit, square))
 
     return add
 
@@ -209,10 +209,10 @@ def _step(
 ) -> tuple[str, str, str]:
     """Return the end and the length of a Gauss-Newton step, and WITHIN deviations of it; (batch, 1, 1), in nodes."""
     axes, channels = graph.ints(1, 2), prior.channels
-    at = [graph.apply("Gather", one, node, axis=0) for one in rows]
-    every = graph.apply("Transpose", graph.apply("Concat", *at, axis=1), perm=[0, 2, 1])
-    both = graph.apply("Slice", every, graph.ints(0), graph.ints(channels), graph.ints(1))
-    shape, turned = graph.split(graph.apply("MatMul", seen.whitening, both), 2, 2)
+    at_node = [graph.apply("Gather", table, node, axis=0) for table in rows]
+    every = graph.apply("Transpose", graph.apply("Concat", *at_node, axis=1), perm=[0, 2, 1])
+    influence = graph.apply("Slice", every, graph.ints(0), graph.ints(channels), graph.ints(1))
+    shape, turned = graph.split(graph.apply("MatMul", seen.whitening, influence), 2, 2)
     sample = seen.sample
 
     def along(first: str, second: str) -> str:
@@ -226,7 +226,7 @@ def _step(
         ends = graph.ints(0, channels), graph.ints(1, 2 * channels), graph.ints(2, 1)
         force = best_force()[1] if known_n is None else graph.constant(known_n)
         wider = widening(graph, force, graph.apply("Slice", every, *ends))
-        shape, turned, sample = (graph.apply("Div", one, wider) for one in (shape, turned, sample))
+        shape, turned, sample = (graph.apply("Div", vector, wider) for vector in (shape, turned, sample))
     if known_n is None:
         size, force = best_force()
         part = graph.apply("Div", along(shape, turned), size)
@@ -234,10 +234,10 @@ def _step(
     else:
         force = graph.constant(known_n)
     # Of the sample itself, rounding would leave more along T than a step near a support may err.
-    left = graph.apply("Sub", sample, graph.apply("Mul", shape, force))
+    residual = graph.apply("Sub", sample, graph.apply("Mul", shape, force))
     turned = graph.apply("Mul", turned, force)
     square = graph.apply("Add", along(turned, turned), graph.constant(TINY))
-    step = graph.apply("Div", along(turned, left), square)
+    step = graph.apply("Div", along(turned, residual), square)
     # In the units of `seen` a deviation is the root of a half.
     half = graph.apply("Div", graph.constant(WITHIN * 0.5**0.5), graph.apply("Sqrt", square))
     start = graph.apply("Unsqueeze", graph.cast(node, np.float32), graph.ints(2))
@@ -286,8 +286,8 @@ def _between(graph: Graph, node: str, rows: Rows, steps: int) -> str:
     """Return rows of a table, (batch, nodes, columns), by straight lines between its nodes."""
     below = graph.apply("Clip", graph.apply("Floor", node), graph.constant(0.0), graph.constant(steps - 1.0))
     part = graph.apply("Sub", node, below)
-    whole = graph.apply("Squeeze", graph.cast(below, np.int64), graph.ints(2))
-    value, change = (graph.apply("Gather", one, whole, axis=0) for one in rows)
+    index = graph.apply("Squeeze", graph.cast(below, np.int64), graph.ints(2))
+    value, change = (graph.apply("Gather", table, index, axis=0) for table in rows)
     return graph.apply("Add", value, graph.apply("Mul", change, part))
 
 
