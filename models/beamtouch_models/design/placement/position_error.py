@@ -254,19 +254,19 @@ def position_error_of(
         mounting = influence.variance(rules.place_mm, drawn, errors.mounting_mm) * force[:, None] ** 2
     others = other_loads(influence, rules, sampling)
     return PositionError(
-        rules,
-        influence.force_n,
-        sampling,
-        spare,
-        others,
-        np.array(-np.inf) if reference is None else others.noticed(reference) - SLACK,
-        edges,
-        influence.at(rules.place_mm, middles),
-        variance,
-        clean,
-        errors.deviation_mm(clean, mounting),
-        noise if prior.force_is_known else np.zeros_like(noise),
-        weight / weight.mean(),
+        rules=rules,
+        force_n=influence.force_n,
+        sampling=sampling,
+        spare=spare,
+        others=others,
+        least=np.array(-np.inf) if reference is None else others.noticed(reference) - SLACK,
+        edges_mm=edges,
+        shapes=influence.at(rules.place_mm, middles),
+        variance=variance,
+        clean_mm=clean,
+        deviation_mm=errors.deviation_mm(clean, mounting),
+        noise=noise if prior.force_is_known else np.zeros_like(noise),
+        weight=weight / weight.mean(),
     )
 
 
