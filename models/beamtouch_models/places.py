@@ -18,6 +18,13 @@ def on_axis(position_mm: Floats) -> Floats:
     return position_mm[:, None]
 
 
+def positions_of(place_mm: Floats) -> Floats:
+    """Return the positions (places,) of places on a beam; ValueError if they have more axes than one."""
+    if place_mm.shape[1] != 1:
+        raise ValueError(f"positions are of one axis, here are {place_mm.shape[1]}")
+    return place_mm[:, 0]
+
+
 def along_axis(count: int, axes: int) -> int:
     """Return how many of `count` places stand side by side along each axis, about, and at least one."""
     return max(1, round(float(count ** (1 / axes))))
@@ -45,10 +52,11 @@ class Extent:
         return len(self.ranges_mm)
 
     @property
-    def position_mm(self) -> tuple[float, float]:
-        """The range of the only axis; ValueError if there are more."""
-        (only,) = self.ranges_mm
-        return only
+    def range_mm(self) -> tuple[float, float]:
+        """The range of positions on a beam; ValueError if there are more axes than one."""
+        if self.axes != 1:
+            raise ValueError(f"a range of positions is of one axis, here are {self.axes}")
+        return self.ranges_mm[0]
 
     @cached_property
     def low_mm(self) -> Floats:
@@ -66,7 +74,7 @@ class Extent:
         return self.high_mm - self.low_mm
 
     def ticks(self, count: int) -> list[Floats]:
-        """Return the even steps of each axis whose grid has `count` places, about: the root of it on each of two."""
+        """Return evenly spaced coordinates of each axis, arrays (ticks,), whose grid has about `count` places."""
         along = max(2, along_axis(count, self.axes))
         return [np.linspace(*ends, along) for ends in self.ranges_mm]
 
@@ -74,9 +82,8 @@ class Extent:
         """Return about `count` places, evenly over the extent; (places, axes), those of the last axis side by side."""
         return grid_of(self.ticks(count))
 
-    def middles(self, count: int) -> Floats:
-        """Return the middles of about `count` equal parts of the extent, (parts, axes)."""
-        along = along_axis(count, self.axes)
+    def middles(self, along: int) -> Floats:
+        """Return the middles of equal parts of the extent, `along` each axis, (parts, axes)."""
         return self.at(grid_of([(np.arange(along) + 0.5) / along] * self.axes))
 
     def uniform(self, count: int, rng: np.random.Generator) -> Floats:
@@ -90,5 +97,5 @@ class Extent:
 
 
 def grid_of(ticks: list[Floats]) -> Floats:
-    """Return all places (places, axes) whose coordinates are among those of each axis; the last axis varies first."""
+    """Return all places (places, axes) whose coordinates are among those of each axis; the last axis varies fastest."""
     return np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))

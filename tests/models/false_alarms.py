@@ -119,8 +119,8 @@ def false_stretches_of_contacts_per_day(on: Watched, kept: tuple[int, ...], draw
 def _stretches_of_contacts(on: Watched, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
     prior, size, rng = on.prior, len(kept), np.random.default_rng(seed)
     contacts = draw(prior, draws, seed)
-    clean = contacts.force_n[:, None] * prior.table(contacts.place_mm)
-    moved = contacts.force_n[:, None] * prior.table.slope(contacts.place_mm)[..., 0]
+    clean = contacts.force_n[:, None] * prior.influence_table(contacts.place_mm)
+    moved = contacts.force_n[:, None] * prior.influence_table.slope(contacts.place_mm)[..., 0]
     deviation = prior.errors.deviation_mm(clean)
     clean, moved, deviation = (values[:, kept] for values in (clean, moved, deviation))
     noise = prior.errors.noise_mm / deviation

@@ -66,7 +66,7 @@ def plain_posterior(prior: Prior, reading: Floats, covariance_mm2: Floats, force
 
     `reading` (channels,) scatters with the whole covariance.
     """
-    grid = np.linspace(*prior.extent.position_mm, 1201)
+    grid = np.linspace(*prior.extent.range_mm, 1201)
     shape, precision = prior.influence_at(on_axis(grid)), np.linalg.inv(covariance_mm2)
     square, along = np.einsum("gi,ij,gj->g", shape, precision, shape), shape @ precision @ reading
     density = np.zeros(len(grid))
@@ -87,7 +87,7 @@ def quantiles_of(grid: Floats, density: Floats, *levels: float) -> Floats:
 
 def nonsense(prior: Prior) -> Floats:
     """Readings that no contact explains, and some that one just might."""
-    largest = prior.force_n[1] * float(np.abs(prior.table(prior.extent.grid(101))).max())
+    largest = prior.force_n[1] * float(np.abs(prior.influence_table(prior.extent.grid(101))).max())
     channels = prior.channels
     rng = np.random.default_rng(0)
     rows = [np.full(channels, size) for size in (0.0, TINY, -TINY, 1e-30, largest, -largest)]
@@ -101,7 +101,7 @@ def nonsense(prior: Prior) -> Floats:
 
 def check_sane(prior: Prior, answers: dict[str, Floats]) -> None:
     """Every answer is a number, intervals hold their middle and lie in the range."""
-    low, high = prior.extent.position_mm
+    low, high = prior.extent.range_mm
     slack = 1e-5 * prior.diagonal_mm
     for name, values in answers.items():
         assert np.isfinite(values).all(), name

@@ -121,7 +121,7 @@ def exceeding(
     valid[:, kept] = True
     weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.errors.zero_mm, valid)
     part = weights[0][np.ix_(kept, kept)]
-    shapes = prior.table(prior.extent.grid(201))[:, kept] @ part.T
+    shapes = prior.influence_table(prior.extent.grid(201))[:, kept] @ part.T
     # What is not noise is the zero.
     noise = np.sqrt(np.diag(part @ covariance[np.ix_(kept, kept)] @ part.T))
     rest = rest_like_contact(directions(shapes), noise, rate, draws, 5)

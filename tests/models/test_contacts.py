@@ -26,9 +26,9 @@ def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dic
     contacts = simulated(prior, count, seed)
     weight, median = contacts.drawn.weight, contacts.median_mm
     many = np.broadcast_to(weight[:, None], contacts.likely_mm.shape)
-    off = median + contacts.deviation_mm
+    off = median + contacts.distance_mm
     reached = contacts.reached(off)
-    held = np.abs(contacts.likely_mm - median[:, None]) < 2 * contacts.deviation_mm[:, None]
+    held = np.abs(contacts.likely_mm - median[:, None]) < 2 * contacts.distance_mm[:, None]
     return {
         "limit": reached.limit_mm,
         "error": reached.error_mm,

@@ -28,7 +28,7 @@ def test_the_graph_sees_the_smallest_force_as_stated(bench: ModelFile, share: fl
     for index in at:
         least = stated.force_n[index]
         assert least is not None
-        clean = np.tile(share * least * prior.table(on_axis(position[[index]])), (DRAWS, 1))
+        clean = np.tile(share * least * prior.influence_table(on_axis(position[[index]])), (DRAWS, 1))
         zero, noise = rng.normal(size=(2, DRAWS, prior.channels)) * [
             [prior.errors.zero_mm],
             [np.full(4, prior.errors.noise_mm)],

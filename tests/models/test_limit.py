@@ -63,7 +63,7 @@ def test_no_estimator_beats_the_limit_under_the_largest_errors_of_gains_that_a_s
     gain = MAX_GAIN_PERCENT / 100
     prior = prior_of("bench", 4, 0.2, known=known).with_floor(gain, 0.0)
     drawn = draw_evenly(prior, 64, 1)
-    grid = np.linspace(*prior.extent.position_mm, 400)
+    grid = np.linspace(*prior.extent.range_mm, 400)
     force = np.linspace(*prior.force_n, 1 if known else 60)[:, None, None]
     mean = force * prior.influence_at(on_axis(grid))
     variance = prior.errors.noise_mm**2 + (gain * mean) ** 2

@@ -38,7 +38,7 @@ def test_intervals_hold_the_truth_on_displaced_sensors(name: str) -> None:
         # As a surface is mounted: its sensors stay where they are, and so do gains and zeros.
         offset, gain, zero = (rng.normal(size=prior.channels) for _ in range(3))
         at_mm = np.clip(np.array(sensors.placement.positions_mm) + TOLERANCE_MM * offset, 0.0, prior.diagonal_mm)
-        load = rng.uniform(*prior.extent.position_mm, size=CONTACTS)
+        load = rng.uniform(*prior.extent.range_mm, size=CONTACTS)
         deflection = rng.uniform(*prior.force_n, size=CONTACTS)[:, None] * influence.at(on_axis(at_mm), on_axis(load))
         noise = noise_mm * rng.normal(size=deflection.shape)
         position.append(load)

@@ -74,9 +74,7 @@ def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(
     drawn = draw(prior, 4000, 6)
     graph = graph_of(prior)
     misfit = answers_of(graph, prior, drawn.deflection_mm)["misfit"]
-    inside = (prior.extent.position_mm[0] + 20 < drawn.position_mm) & (
-        drawn.position_mm < prior.extent.position_mm[1] - 20
-    )
+    inside = (prior.extent.range_mm[0] + 20 < drawn.position_mm) & (drawn.position_mm < prior.extent.range_mm[1] - 20)
     for share in (0.5, 0.1, 0.01):
         exceeded = (misfit[inside] > chdtri(sensors - 2, share)).mean()
         # Where a weak contact might also be at an end of the range, its misfit is a little larger.
@@ -92,7 +90,7 @@ def test_intervals_lean_on_neither_end_of_the_range_of_the_force(name: str) -> N
     prior, rng = on.prior, np.random.default_rng(4)
     low, high = prior.force_n
     for force_n in (0.3 * low, 0.9 * low, 1.1 * high, 5 * high):
-        position = rng.uniform(*prior.extent.position_mm, 1000)
+        position = rng.uniform(*prior.extent.range_mm, 1000)
         clean, deviation = prior.sampled(on_axis(position), np.full(len(position), force_n))
         reading = clean + rng.normal(size=clean.shape) * deviation
         answers = on.answers(tuple(range(prior.channels)), reading)
@@ -286,7 +284,7 @@ def test_nonsense_gets_a_sane_answer(
 def test_without_any_channel_the_answer_is_the_whole_range() -> None:
     prior = prior_of("bench", 3, 1.0, known=False)
     answers = answers_of(graph_of(prior), prior, np.zeros((1, 3)), np.zeros((1, 3), np.bool_))
-    low, high = prior.extent.position_mm
+    low, high = prior.extent.range_mm
     assert answers["position_mm"][0] == pytest.approx((low + high) / 2, rel=1e-3)
     assert answers["position_high_mm"][0] - answers["position_low_mm"][0] >= 0.949 * (high - low)
     assert answers["contact_log_odds"][0] == pytest.approx(0, abs=1e-3)

@@ -10,6 +10,7 @@ from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.physics.beam import influence
 from beamtouch_models.design.scene.beam import Beam, changed_beam
 from beamtouch_models.design.surface import resolve_model
+from beamtouch_models.places import positions_of
 from beamtouch_models.runtime.metadata import Departures, Metadata
 
 
@@ -47,5 +48,5 @@ def depart(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, departu
 
 
 def _real_influence(gain: Floats, beam: Beam, true_mm: Floats, width_mm: float, place_mm: Floats) -> Floats:
-    matrix: Floats = gain * influence(beam, true_mm, place_mm[:, 0], width_mm)
+    matrix: Floats = gain * influence(beam, true_mm, positions_of(place_mm), width_mm)
     return matrix

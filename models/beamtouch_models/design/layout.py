@@ -159,7 +159,7 @@ class Layout:
             An argument is not as its line says.
         """
         draws, prior, rng = whole(draws, "draws", 2), self.prior, np.random.default_rng(whole(seed, "seed", 0))
-        low, high = prior.extent.position_mm
+        low, high = prior.extent.range_mm
         along = np.linspace(low, high, POSITIONS) if position_mm is None else position_mm
         places = numbers(along, "position_mm", least=low, most=high)
         repeated = np.repeat(places, draws)

@@ -119,7 +119,7 @@ class Model(ModelFile):
         draws, seed, metadata = whole(draws, "draws", 1), whole(seed, "seed", 0), self.metadata
         prior = prior_of_model(metadata)
         if influence is not None:
-            check_own(influence, prior.diagonal_mm, prior.extent.position_mm, prior.force_n)
+            check_own(influence, prior.diagonal_mm, prior.extent.range_mm, prior.force_n)
             gain = np.array(metadata.departures.gain)
             prior = replace(prior, influence_at=partial(_scaled, influence, metadata.layout_mm, gain))
         if noise_mm is not None:

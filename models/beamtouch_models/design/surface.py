@@ -37,7 +37,7 @@ from beamtouch_models.errors import SceneError, require
 from beamtouch_models.filters import Chain
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import at_least, at_most, number, whole
-from beamtouch_models.places import on_axis
+from beamtouch_models.places import on_axis, positions_of
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.metadata import FilterChoice, Metadata, Noise, Sensor
 
@@ -93,7 +93,7 @@ class Surface:
     """Of that beam and width, or the user's own."""
     has_own_influence: bool
     sampling: Sampling
-    """The errors, and what else decides which loads a layout tells."""
+    """What decides which loads a layout tells from one contact: errors, rate and readings of samples."""
     rules: LayoutRules
     """Where sensors may stand. Housings do not overlap, and neighbours are farther apart than their mounting tolerance:
     they do not change places."""
@@ -141,7 +141,7 @@ class Surface:
 
     def __repr__(self) -> str:
         """Return what the surface is: its beam, its contacts, and the noise of a sample."""
-        (low, high), (weak, strong) = self.influence.extent.position_mm, self.influence.force_n
+        (low, high), (weak, strong) = self.influence.extent.range_mm, self.influence.force_n
         forces = f"{weak:g}" if weak == strong else f"{weak:g}..{strong:g}"
         contacts, noise_mm = f"contacts at {low:g}..{high:g} mm with {forces} N", digits(self.errors.noise_mm, 3)
         return f"Surface({self.influence.diagonal_mm:g} mm long, {contacts}, {noise_mm} mm of noise a sample)"
@@ -263,7 +263,7 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         travel.check_small_angles(scene.sensors.range_mm[1] - scene.sensors.range_mm[0])
         check_errors(scene, readings, chosen, travel.largest_mm)
     is_priced = influence is None and readings.reading_mm > 0
-    effects = effects_of(scene, chosen, readings, rules.place_mm[:, 0]) if is_priced else ()
+    effects = effects_of(scene, chosen, readings, positions_of(rules.place_mm)) if is_priced else ()
     modelled, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
     errors = Errors(noise.sample_mm, readings.gain, readings.floor_mm, modelled.sensors.mounting_tolerance_mm)
     return Surface(

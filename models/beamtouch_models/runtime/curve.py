@@ -1,6 +1,6 @@
 """The influence of a surface: what its sensors show per newton, for each place of the contact.
 
-`InfluenceTable.best_contacts` finds the single contact that explains deflections best: for the health of sensors,
+`Curve.best_contacts` finds the single contact that explains deflections best: for the health of sensors,
 calibration, placement and the challenge. Numpy only, and pure.
 """
 

@@ -36,26 +36,27 @@ class Errors:
     gain: ArrayLike = 0.0
     """Relative error of the gain that is left after calibration."""
     zero_mm: ArrayLike = 0.0
+    """Error of the zero."""
     mounting_mm: float = 0.0
     """Error of a sensor's place along each axis."""
 
-    def variance_mm2(self, deflection_mm: Floats, mounting_mm2: Floats | float = 0.0) -> Floats:
+    def variance_mm2(self, deflection_mm: Floats, moved_mm2: Floats | float = 0.0) -> Floats:
         """Return the variances of samples (..., channels) of deflections.
 
-        `mounting_mm2` (..., channels) is the variance of these deflections that the mounting of the sensors leaves.
+        `moved_mm2` (..., channels) is the variance of these deflections that the mounting of the sensors leaves.
         """
         floor = floor_mm2(deflection_mm, self.gain, self.zero_mm)
-        variance: Floats = floor + np.square(self.noise_mm) + mounting_mm2
+        variance: Floats = floor + np.square(self.noise_mm) + moved_mm2
         return variance
 
-    def deviation_mm(self, deflection_mm: Floats, mounting_mm2: Floats | float = 0.0) -> Floats:
+    def deviation_mm(self, deflection_mm: Floats, moved_mm2: Floats | float = 0.0) -> Floats:
         """Return the standard deviations; arguments as those of `variance_mm2`."""
-        return np.sqrt(self.variance_mm2(deflection_mm, mounting_mm2))
+        return np.sqrt(self.variance_mm2(deflection_mm, moved_mm2))
 
     def whitening(
         self, deflection_mm: Floats, covariance_mm2: Floats | None = None, valid: Bools | None = None
     ) -> Floats:
-        """Return the whitening of samples, without what the mounting leaves; arguments and errors as `whitening`.
+        """Return the whitening of samples, without what the mounting leaves, as the function of that name.
 
         `covariance_mm2` is that which each sample states; default: the noise, independent from channel to channel.
         """

@@ -56,7 +56,7 @@ def drawn(
 ) -> UnlabelledContacts:
     """Draw contacts over the ranges of the scene."""
     prior = true_prior(metadata, real)
-    position, force = rng.uniform(*prior.extent.position_mm, count), rng.uniform(*prior.force_n, count)
+    position, force = rng.uniform(*prior.extent.range_mm, count), rng.uniform(*prior.force_n, count)
     if kind.places_mm:
         position = rng.choice(kind.places_mm, count) + rng.normal(size=count)
     deflection = force[:, None] * prior.influence_at(on_axis(position))
@@ -90,7 +90,7 @@ def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
 def missed_mm(nominal: NominalSurface, vector: Floats, metadata: Metadata, real: Imperfections) -> float:
     """Mean distance of contacts without noise from where a surface with fitted departures places them."""
     prior = true_prior(metadata, real)
-    low, high = prior.extent.position_mm
+    low, high = prior.extent.range_mm
     margin = 0.05 * (high - low)
     position = np.linspace(low + margin, high - margin, 60)
     measured = prior.measured(np.mean(prior.force_n) * prior.influence_at(on_axis(position)))

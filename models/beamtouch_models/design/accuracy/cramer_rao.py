@@ -24,8 +24,11 @@ def cramer_rao_deviation_mm(prior: Prior, place_mm: Floats, force_n: Floats) -> 
     Places are (contacts, axes), forces (contacts,). It holds for unbiased estimates. Where it exceeds the range, as at
     a support, an estimate that uses the range is better.
     """
-    deviation = prior.deviation_in_table_mm(place_mm, force_n[:, None])
-    change, shape = prior.table.slope(place_mm) / deviation[..., None], prior.table(place_mm) / deviation
+    deviation = prior.tabled_deviation_mm(place_mm, force_n[:, None])
+    change, shape = (
+        prior.influence_table.slope(place_mm) / deviation[..., None],
+        prior.influence_table(place_mm) / deviation,
+    )
     if not prior.force_is_known:
         size = (shape**2).sum(axis=1)[:, None]
         along = np.einsum("nca,nc->na", change, shape)
@@ -53,14 +56,15 @@ def cramer_rao_error_mm(prior: Prior) -> float:
 def cramer_rao_errors_mm(prior: Prior) -> Floats:
     """Return the same over the forces alone, in the middle of each part of the extent; (parts of each axis).
 
-    Of two axes, the mean |error| is that of the distance if either error were all of it: the root of their squares.
+    Of two axes it is the root of the sum of the squares of the mean errors along each: up to a tenth less than the
+    mean distance.
     """
     extent = prior.extent
-    places, (weak, strong) = extent.middles(PARTS), prior.force_n
+    parts = along_axis(PARTS, extent.axes)
+    places, (weak, strong) = extent.middles(parts), prior.force_n
     forces = weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES if weak < strong else np.array([weak])
     contacts = np.repeat(places, len(forces), axis=0), np.tile(forces, len(places))
     gaussian = np.sqrt(2 / np.pi) * cramer_rao_deviation_mm(prior, *contacts)
     guess = ((contacts[0] - extent.low_mm) ** 2 + (extent.high_mm - contacts[0]) ** 2) / (2 * extent.size_mm)
     distances: Floats = np.hypot.reduce(np.minimum(gaussian, guess), axis=1)
-    parts = [along_axis(PARTS, extent.axes)] * extent.axes
-    return np.asarray(distances.reshape(*parts, len(forces)).mean(axis=-1))
+    return np.asarray(distances.reshape(*[parts] * extent.axes, len(forces)).mean(axis=-1))

@@ -9,6 +9,7 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_errors_mm
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import SCRAMBLINGS
+from beamtouch_models.places import positions_of
 
 UNIFORM = 0.5
 """Share of evenly spread contacts that are drawn uniformly; the largest weight is about one over it."""
@@ -21,6 +22,7 @@ class Draws:
     place_mm: Floats
     """(draws, axes)"""
     force_n: Floats
+    """(draws,)"""
     deflection_mm: Floats
     """(draws, sensors), with noise."""
     weight: Floats
@@ -29,7 +31,7 @@ class Draws:
     @property
     def position_mm(self) -> Floats:
         """(draws,), the places on a beam."""
-        return self.place_mm[:, 0]
+        return positions_of(self.place_mm)
 
 
 def draw(prior: Prior, count: int, seed: int) -> Draws:

@@ -77,8 +77,20 @@ def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats |
     return density
 
 
+def possible_rise(density: Floats, axis: int) -> Floats:
+    """Return by how much log densities may rise between the nodes of a grid along an axis, in their shape.
+
+    Where a grid is much wider than a posterior, its nodes miss the peak. A parabola through three nodes rises above the
+    middle one by at most an eighth of its drop to the lower neighbour; half of the drop is allowed for.
+    """
+    along = np.moveaxis(density, axis, -1)
+    beside = np.pad(along, [(0, 0)] * (along.ndim - 1) + [(1, 1)], mode="edge")
+    lower, higher = np.minimum(beside[..., :-2], beside[..., 2:]), np.maximum(beside[..., :-2], beside[..., 2:])
+    return np.moveaxis(np.where(along >= higher, (along - lower) / 2, 0.0), -1, axis)
+
+
 def log_likelihood(forces: Forces, size: Floats, projection: Floats, fit: Floats) -> Floats:
-    """Return the log likelihood of samples at grid positions, in units of the noise; (..., grid).
+    """Return the log likelihood of samples at the places of a grid, in units of the noise; (..., grid).
 
     Parameters
     ----------
@@ -87,7 +99,7 @@ def log_likelihood(forces: Forces, size: Floats, projection: Floats, fit: Floats
     projection : (..., grid), of the sample on the direction of that vector
     fit : (..., grid), minus half the squared residual
 
-    Terms that depend on neither the position nor the force are left out.
+    Terms that depend on neither the place nor the force are left out.
     """
     first, *others = (np.log(piece.share) + _log_mean(piece, size, projection) for piece in forces)
     likelihood: Floats = fit + reduce(np.logaddexp, others, first)

@@ -1,7 +1,8 @@
 """The accuracy limit: the mean position error that no estimator can beat, given the prior of a surface.
 
-Place and force are drawn uniformly from their ranges, noise is added, and the posterior median estimates the place: of
-all estimators it has the smallest mean absolute error along an axis. Limits that are compared share their contacts.
+Place and force are drawn uniformly from their ranges, noise is added, and the posterior median along each axis
+estimates the place: of all estimators it has the smallest mean absolute error along that axis. Limits that are compared
+share their contacts.
 
 *Estimators* are measured on simulated contacts, each with the other contacts that could have caused its sample. The
 mean error over contacts and noise equals the mean over samples of the mean over each sample's posterior. The second
@@ -40,13 +41,13 @@ class ComparedLimit:
     """An accuracy limit beside another one, on the same contacts."""
 
     limit: Measurement
-    """In percent of the length."""
+    """In percent of the diagonal."""
     ratio: Measurement
     """Over the other limit."""
 
 
 def accuracy_limit(prior: Prior, draws: int, seed: int) -> Measurement:
-    """Return the accuracy limit in percent of the length, from at least `draws` simulated contacts.
+    """Return the accuracy limit in percent of the diagonal, from at least `draws` simulated contacts.
 
     The mean is that of eq. 5 of the paper, with less scatter: each sample counts with the mean |error| over its
     posterior instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen
@@ -86,7 +87,7 @@ def limits_without(prior: Prior, missing: Iterable[Sequence[int]], draws: int, s
 def limits_with_one_failed(prior: Prior, limit: Measurement, seed: int, effort: Effort = USUAL) -> list[Measurement]:
     """Return the accuracy limits with each sensor failed, from that with all of them; none for a single sensor.
 
-    All are in percent of the length. Their ratios to the limit come from contacts that they share.
+    All are in percent of the diagonal. Their ratios to the limit come from contacts that they share.
     """
     if prior.channels == 1:
         return []
@@ -98,7 +99,7 @@ def limits_with_one_failed(prior: Prior, limit: Measurement, seed: int, effort: 
 
 
 def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats) -> Floats:
-    """Return the weighted mean |error| of the posterior median of samples, (draws,) in percent of the length."""
+    """Return the weighted mean |error| of the posterior median of samples, (draws,) in percent of the diagonal."""
     of_axes = posterior_quantiles if prior.extent.axes == 1 else medians_and_distances
     errors: Floats = of_axes(prior, deflection_mm)[1] * weight / prior.diagonal_mm * 100
     return errors
@@ -123,14 +124,14 @@ class Reached:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts and their samples, evenly spread, in the parts that `statistics` expects."""
+    """Contacts on a beam and their samples, evenly spread, in the parts that `statistics` expects."""
 
     drawn: Draws
     likely_mm: Floats
     """(draws, LIKELY) positions that could have caused each sample; (draws, 1), the true one, without noise."""
     median_mm: Floats
     """Posterior medians (draws,)."""
-    deviation_mm: Floats
+    distance_mm: Floats
     """Mean distance of each posterior from its median (draws,)."""
 
     def error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
@@ -147,7 +148,7 @@ class Contacts:
         The value for the median is exact; the likely positions only give the difference of the estimate from it.
         """
         worse = (self.error_mm(estimate_mm) - self.least_error_mm()).mean(axis=1)
-        error, limit, weight = self.deviation_mm + worse, self.deviation_mm, self.drawn.weight
+        error, limit, weight = self.distance_mm + worse, self.distance_mm, self.drawn.weight
         return Reached(mean_of(error, weight), mean_of(limit, weight), ratio_of(error * weight, limit * weight))
 
     def held(self, low_mm: NDArray[np.floating], high_mm: NDArray[np.floating]) -> Bools:
@@ -185,6 +186,6 @@ def _quantiles(task: tuple[Prior, Floats, Floats]) -> Floats:
 def simulate_until_certain(prior: Prior, count: int, seed: int) -> Contacts:
     """Like `simulated`, with MORE times the contacts if the accuracy limit would be uncertain otherwise."""
     contacts = simulated(prior, count, seed)
-    limit = mean_of(contacts.deviation_mm, contacts.drawn.weight)
+    limit = mean_of(contacts.distance_mm, contacts.drawn.weight)
     certain = limit.standard_error <= CERTAIN * limit.value
     return contacts if certain else simulated(prior, MORE * count, seed)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.design.accuracy.likelihood import NEGLIGIBLE, log_density
+from beamtouch_models.design.accuracy.likelihood import NEGLIGIBLE, log_density, possible_rise
 from beamtouch_models.design.accuracy.prior import Forces, Prior, forces_of
 from beamtouch_models.places import on_axis
 
@@ -19,7 +19,7 @@ GRID = 801
 FINE_GRID = 129
 ROUNDS = 12
 CHUNK = 100
-"""Readings per step, few enough for their grids to fit the cache of a core."""
+"""Samples per step, few enough for their grids to fit the cache of a core."""
 MIN_LOG = -700.0
 """Smallest log density, relative to the maximum. Its exponential is a normal number: subnormal ones take long."""
 SHARP = 1.0
@@ -44,7 +44,7 @@ def posterior_quantiles(
     resolves them.
     """
     levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
-    grid = np.linspace(*prior.extent.position_mm, GRID)
+    grid = np.linspace(*prior.extent.range_mm, GRID)
     influence = prior.influence_within_noise(on_axis(grid))
     whitening = prior.errors.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
     forces = forces_of(prior.force_n, tail)
@@ -73,7 +73,7 @@ class _WhitenedSamples:
 
 def _log_density(prior: Prior, seen: _WhitenedSamples, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
-    variance = None if prior.variance is None else prior.variance(grids[..., None])
+    variance = None if prior.variance_table is None else prior.variance_table(grids[..., None])
     return log_density(forces, seen.whitening, seen.sample, influence, variance)
 
 
@@ -99,14 +99,9 @@ def _resolved(
 def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
     """Return finer grids over the cells of each posterior, with a margin of two cells, and which posteriors are narrow.
 
-    A posterior in two pieces, such as that of a known force near either support, keeps both. Where a grid is much wider
-    than a piece, its nodes miss the peak. A parabola through three nodes rises above the middle one by at most an
-    eighth of its drop to the lower neighbour; half of the drop is allowed for.
+    A posterior in two pieces, such as that of a known force near either support, keeps both.
     """
-    beside = np.pad(density, ((0, 0), (1, 1)), mode="edge")
-    lower, higher = np.minimum(beside[:, :-2], beside[:, 2:]), np.maximum(beside[:, :-2], beside[:, 2:])
-    rise = np.where(density >= higher, (density - lower) / 2, 0.0)
-    likely = np.asarray(density + rise >= density.max(axis=1, keepdims=True) - NEGLIGIBLE)
+    likely = np.asarray(density + possible_rise(density, 1) >= density.max(axis=1, keepdims=True) - NEGLIGIBLE)
     around = np.pad(likely, ((0, 0), (2, 2)))
     cells: Bools = np.any([around[:, shift : shift + likely.shape[1] - 1] for shift in range(6)], axis=0)
     narrow: Bools = np.asarray(cells.sum(axis=1) < density.shape[1] / 4)

@@ -129,13 +129,13 @@ class Prior:
         """Standard deviation of a sample at rest, (channels,) in mm."""
         return self.errors.deviation_mm(np.zeros(self.channels))
 
-    def deviation_in_table_mm(self, place_mm: Floats, force_n: Floats | float) -> Floats:
+    def tabled_deviation_mm(self, place_mm: Floats, force_n: Floats | float) -> Floats:
         """Return the deviation of samples of contacts, with all errors, from the tables.
 
         Places are (contacts, axes), forces (contacts, 1).
         """
-        mounting = 0.0 if self.variance is None else force_n**2 * self.variance(place_mm)
-        return self.errors.deviation_mm(force_n * self.table(place_mm), mounting)
+        mounting = 0.0 if self.variance_table is None else force_n**2 * self.variance_table(place_mm)
+        return self.errors.deviation_mm(force_n * self.influence_table(place_mm), mounting)
 
     def at_noise(self, noise_mm: float) -> Self:
         """Return the prior of samples with another noise; without any, all errors are 0."""
@@ -157,24 +157,24 @@ class Prior:
         return self.force_n[0] == self.force_n[1]
 
     @cached_property
-    def table(self) -> PlaceTable:
+    def influence_table(self) -> PlaceTable:
         """Interpolated influence; beam elements take much longer."""
         return PlaceTable(self.extent, self.influence_at)
 
     @cached_property
-    def variance(self) -> PlaceTable | None:
+    def variance_table(self) -> PlaceTable | None:
         """Interpolated variance of the influence; None if the places of the sensors are exact."""
         return None if self.variance_at is None else PlaceTable(self.extent, self.variance_at, least=0.0)
 
     @cached_property
     def largest_mm(self) -> float:
         """Largest deflection."""
-        return self.force_n[1] * float(np.abs(self.table.values).max())
+        return self.force_n[1] * float(np.abs(self.influence_table.values).max())
 
     def influence_within_noise(self, place_mm: Floats) -> Floats:
         """Return `influence_at` places (places, axes), from the table where the noise hides its error."""
         is_exact = self.errors.noise_mm < EXACT_BELOW * self.largest_mm
-        return self.influence_at(place_mm) if is_exact else self.table(place_mm)
+        return self.influence_at(place_mm) if is_exact else self.influence_table(place_mm)
 
     def without(self, *missing: int) -> Self:
         """Return the prior of the surface without some channels; `measured` remains that of all."""

@@ -209,7 +209,7 @@ def shapes_at_rest(prior: Prior, place_mm: Floats | None = None) -> Floats:
 
     It is that at PLACES over the extent, from the table, or at places (places, axes).
     """
-    matrix = prior.table(prior.extent.grid(PLACES)) if place_mm is None else prior.influence_at(place_mm)
+    matrix = prior.influence_table(prior.extent.grid(PLACES)) if place_mm is None else prior.influence_at(place_mm)
     shapes: Floats = matrix / prior.rest_mm
     return shapes
 
@@ -257,7 +257,7 @@ def smallest_forces(prior: Prior, threshold: float, supports_mm: Iterable[float]
 
     Between two places, 1 over the force is nearly straight: it falls to 0 at a support.
     """
-    low, high = prior.extent.position_mm
+    low, high = prior.extent.range_mm
     within = [support for support in supports_mm if low <= support <= high]
     positions = np.unique(np.concatenate([np.linspace(low, high, PLACES), within]))
     forces, most_n = smallest_force_n(prior, threshold, on_axis(positions)).tolist(), BLIND * prior.force_n[1]

@@ -43,7 +43,7 @@ def band_at(prior: Prior, edge_mm: float, seed: int, range_n: tuple[float, float
     """
     rng = np.random.default_rng(seed)
     force_n = rng.uniform(*(range_n or prior.force_n), size=DRAWS)
-    low_mm, high_mm = prior.extent.position_mm
+    low_mm, high_mm = prior.extent.range_mm
     edge = np.full((DRAWS, 1), np.clip(edge_mm, low_mm, high_mm))
     bound_mm = cramer_rao_deviation_mm(prior, edge, force_n)[:, 0]
     deviation_mm = np.minimum(bound_mm, (high_mm - low_mm) / REACH)

@@ -185,7 +185,7 @@ class NominalSurface:
     @property
     def contact_errors(self) -> LoadErrors:
         """Errors of a contact of which nothing is known but what the scene states: as wide as the ranges."""
-        low, high = self.prior.extent.position_mm
+        low, high = self.prior.extent.range_mm
         return LoadErrors(placing_mm=high - low, force=0.0 if self.prior.force_is_known else ANY_FORCE)
 
     def covariance_of(self, kinds: Sequence[str], fitted: Floats) -> Floats:

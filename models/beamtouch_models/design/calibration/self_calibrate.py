@@ -169,7 +169,7 @@ def _check_single(fit: ContactFit, max_error: float) -> None:
 
 def _check_spread(fit: ContactFit) -> None:
     """Raise NotGoodEnoughError if the contacts lie at one place."""
-    low, high = fit.nominal.prior.extent.position_mm
+    low, high = fit.nominal.prior.extent.range_mm
     first, last = np.quantile(fit.position_mm[fit.single > 0.5], [0.1, 0.9])
     if last - first < MIN_SPREAD * (high - low):
         raise _refuse(

@@ -79,6 +79,6 @@ def _swaps(nominal: NominalSurface, loads: Loads, names: list[str]) -> Iterator[
         corrected = replace(loads, measured_mm=measured_mm, deviation_mm=deviation_mm)
         yield OTHER_END if wiring.is_reversed else message, corrected
     mirrored_mm = nominal.prior.diagonal_mm - loads.position_mm
-    low, high = nominal.prior.extent.position_mm
+    low, high = nominal.prior.extent.range_mm
     if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
         yield OTHER_END, replace(loads, position_mm=mirrored_mm)

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.nominal_surface import GAIN, OFFSET_NOISES, Fitted, NominalSurface, best_step
 from beamtouch_models.design.calibration.recordings import UnlabelledContacts
-from beamtouch_models.places import on_axis
+from beamtouch_models.places import on_axis, positions_of
 from beamtouch_models.runtime.health.residuals import Residuals
 
 MISFITS = (4.0, 16.0, 64.0, 256.0)
@@ -148,7 +148,7 @@ def fit_contacts(
     full_covariance = nominal.covariance_of(kinds, covariance)
     penalty = float((((vector - start)[free] / about) ** 2).sum())
     misfit = located.residuals.misfit(errors)
-    position = located.place_mm[:, 0]
+    position = positions_of(located.place_mm)
     return ContactFit(
         nominal, kinds, vector, full_covariance, start, size, left_error, position, single, misfit, penalty
     )
@@ -216,7 +216,7 @@ def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> 
     noise_mm : (channels,) noise of a sample with the deviation of its zero
     """
     nominal, curve = fit.nominal, fit.nominal.curve(fit.vector)
-    (low, high), is_known = nominal.prior.extent.position_mm, nominal.prior.force_is_known
+    (low, high), is_known = nominal.prior.extent.range_mm, nominal.prior.force_is_known
     margin = INNER * (high - low)
     places = on_axis(np.linspace(low + margin, high - margin, PLACES))
     force = np.full(PLACES, np.mean(nominal.prior.force_n))

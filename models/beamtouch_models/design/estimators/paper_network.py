@@ -199,7 +199,7 @@ def paper_graph(network: PaperNetwork) -> onnx.ModelProto:
 
 def trained_as_in_the_paper(prior: Prior, seed: int, effort: Effort = USUAL) -> PaperNetwork:
     """Train on deflections without noise, at the middle of the force range, because the paper has a single force."""
-    position = np.linspace(*prior.extent.position_mm, PATTERNS)
+    position = np.linspace(*prior.extent.range_mm, PATTERNS)
     force = sum(prior.force_n) / 2
     (network,) = train(
         [force * prior.influence_at(on_axis(position))], position, prior.diagonal_mm, seed=seed, effort=effort

@@ -25,7 +25,7 @@ EVEN = 1e-6
 class InfluenceFunction:
     """Deflections of a structure per newton, for its range of contacts.
 
-    Of a beam, positions (n,) may stand for places (n, 1); if `load_mm` are positions, `at` takes positions.
+    Of a beam, whose `length_mm` is a number, positions (n,) may stand for places (n, 1), and `at` takes positions.
 
     >>> def at(sensor_mm, load_mm):  # a string of 400 mm that is pulled with 100 N
     ...     left, right = np.minimum.outer(load_mm, sensor_mm), 400 - np.maximum.outer(load_mm, sensor_mm)
@@ -57,7 +57,7 @@ class InfluenceFunction:
         load = np.array(self.load_mm, dtype=np.float64)  # a copy: the caller may change its array
         object.__setattr__(self, "load_mm", load)
         self._require("length_mm", bool(np.all((self.size_mm > 0) & (self.size_mm < math.inf))), "a positive number")
-        is_beam, axes = load.ndim == 1, len(self.size_mm)
+        is_beam, axes = np.ndim(self.length_mm) == 0, len(self.size_mm)
         self._require("load_mm", load.ndim in (1, 2) and len(load) > 1, "a list of two positions or more")
         load = load.reshape(len(load), -1)
         self._require("load_mm", load.shape[1] == axes, f"a list of places with {axes} numbers each, as length_mm has")
@@ -83,7 +83,7 @@ class InfluenceFunction:
 
     @property
     def diagonal_mm(self) -> float:
-        """What errors are stated in percent of: the length of a beam."""
+        """What errors are stated in percent of: the length of a beam, the diagonal of a plate."""
         return math.hypot(*self.size_mm)
 
     @property
@@ -99,9 +99,10 @@ class InfluenceFunction:
     def deviation(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
         """Return the change of the influence by a tolerance of the sensors' places, (loads, sensors, axes) in mm/N.
 
-        These are standard deviations along each axis, with the sign of the change towards its end: of several loads at
-        once they add up, as a sensor is at one place only. Errors as `at`.
+        These are standard deviations, positive where the influence grows with the coordinate of the sensor: of several
+        loads at once they add up, as a sensor is at one place only. Errors as `at`.
         """
+        sensor_mm = np.reshape(sensor_mm, (len(sensor_mm), -1))
         deviation = np.empty((len(load_mm), *sensor_mm.shape))
         for axis, step in enumerate(tolerance_mm * np.eye(sensor_mm.shape[1])):
             left, right = (np.clip(sensor_mm + side * step, 0.0, self.size_mm) for side in (-1, 1))
@@ -153,7 +154,7 @@ def check_own(
         raise SceneError(f"influence: it has {influence.extent.axes} axes, but a beam has one")
     for name, own, scene in (
         ("length_mm", (influence.diagonal_mm,), (length_mm,)),
-        ("load_mm", influence.extent.position_mm, position_mm),
+        ("load_mm", influence.extent.range_mm, position_mm),
         ("force_n", influence.force_n, force_n),
     ):
         if not np.allclose(own, scene, rtol=EVEN, atol=0.0 if name == "force_n" else EVEN * length_mm):

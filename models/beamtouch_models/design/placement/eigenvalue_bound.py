@@ -19,6 +19,7 @@ from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.placement.eigenvalue_product import EigenvalueProduct, eigenvalue_product_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.design.sweeps import one_thread
+from beamtouch_models.places import positions_of
 
 MARGIN, MAX_MARGIN = 1e-8, 1e-6
 """Smallest bound on rounding errors of a bound or a score, in log units; with more than the largest no gap is 0."""
@@ -39,7 +40,7 @@ def largest_gap(
     """
     with one_thread():
         product = eigenvalue_product_of(influence, rules, len(positions_mm), leading)
-        return gap_of(product, np.searchsorted(rules.place_mm[:, 0], positions_mm))
+        return gap_of(product, np.searchsorted(positions_of(rules.place_mm), positions_mm))
 
 
 def gap_of(product: EigenvalueProduct, layout: Indices) -> float:

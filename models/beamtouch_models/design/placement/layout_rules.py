@@ -54,8 +54,8 @@ class LayoutRules:
         return candidate_at
 
     @property
-    def steps_across(self) -> int:
-        """Number of steps from one end of the longest axis to the other, and one."""
+    def ticks_across(self) -> int:
+        """Number of coordinates of the axis that has most."""
         return int(max(self._candidate_at.shape))
 
     @cached_property
@@ -110,27 +110,27 @@ class LayoutRules:
         return candidates[candidates >= 0]
 
     def fitted(self, wanted_mm: Floats) -> Indices | None:
-        """Return the allowed layout nearest to wanted places (sensors, axes); None if no layout exists.
+        """Return the allowed layout nearest to wanted places (sensors, axes), or None.
 
-        On one axis it is the nearest, and None is certain. On more, sensors take the nearest place left in their order.
+        On one axis it is the nearest, and None says that no layout exists. On more, sensors take the nearest place that
+        is left, one after the other, and None says that this did not end.
         """
         if self.axes == 1:
             span = self.place_mm[-1] - self.place_mm[0]
             return self.on_line.best(-(((np.sort(wanted_mm, axis=0) - self.place_mm.T) / span) ** 2))
-        apart = np.linalg.norm(wanted_mm[:, None] - self.place_mm, axis=2)
-        rows, columns = linear_sum_assignment(apart[:, self.fixed])
-        layout = self.fixed[columns].tolist()
-        if len(layout) < len(self.fixed):
+        if len(wanted_mm) < len(self.fixed):
             return None
-        is_free = np.ones(len(self.place_mm), dtype=np.bool_)
-        for row in [None, *np.setdiff1d(np.arange(len(wanted_mm)), rows).tolist()]:
-            if row is not None:
-                if not is_free.any():
-                    return None
-                layout.append(int(np.where(is_free, apart[row], np.inf).argmin()))
-            taken = self.place_mm[layout]
-            is_free = np.linalg.norm(self.place_mm[:, None] - taken, axis=2).min(axis=1, initial=np.inf) >= self.gap_mm
-        return np.sort(np.array(layout, dtype=np.intp))
+        apart = np.linalg.norm(wanted_mm[:, None] - self.place_mm, axis=2)
+        rows_of_fixed, _ = linear_sum_assignment(apart[:, self.fixed])
+        layout = self.fixed.tolist()
+        for row in np.setdiff1d(np.arange(len(wanted_mm)), rows_of_fixed):
+            to_taken = np.linalg.norm(self.place_mm[:, None] - self.place_mm[layout], axis=2)
+            is_free = to_taken.min(axis=1, initial=np.inf) >= self.gap_mm
+            if not is_free.any():
+                return None
+            layout.append(int(np.where(is_free, apart[row], np.inf).argmin()))
+        found = np.sort(np.array(layout, dtype=np.intp))
+        return found if self.allowed(found[None])[0] else None
 
 
 def equal_pitch_mm(size_mm: Floats, count: int) -> Floats:
@@ -150,7 +150,7 @@ def equal_pitch_mm(size_mm: Floats, count: int) -> Floats:
 
 
 def equal_layout(rules: LayoutRules, size_mm: Floats, count: int) -> Indices:
-    """Return the allowed layout nearest to equal pitch on a structure of this size; SceneError if no layout exists."""
+    """Return the allowed layout nearest to equal pitch on a structure of this size; SceneError if `fitted` has none."""
     if count < len(rules.fixed):
         raise SceneError(f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed")
     layout = rules.fitted(equal_pitch_mm(size_mm, count))

@@ -25,12 +25,13 @@ from beamtouch_models.design.placement.search import SearchRun, first_best, sear
 from beamtouch_models.design.sweeps import Progress, one_thread, silent
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import CRITERIA, Criterion, SearchName
+from beamtouch_models.places import positions_of
 
 AT_REST = 1e-12
 """Largest deflection at a support, over that elsewhere: rounding."""
 CLEAR = 1.015
 """Ratio of two scores that decides without the accuracy limit. The ratio of score to limit scatters by 0.2 to 0.6 %
-between layouts, and by more where few sensors stand close together, or errors are smaller than a cell."""
+between layouts of a beam, and by more where few sensors stand close together, or errors are smaller than a cell."""
 FINAL_DRAWS, LEAST_DRAWS = 2_000, 64
 """Usual and smallest number of contacts of the limits that decide otherwise; with a spare, the limits of all failures
 share them."""
@@ -89,7 +90,7 @@ class Placement:
     @property
     def positions_mm(self) -> tuple[float, ...]:
         """The places on a beam, from the left end."""
-        return tuple(self.place_mm[:, 0].tolist())
+        return tuple(positions_of(self.place_mm).tolist())
 
 
 def place_as(
@@ -102,12 +103,14 @@ def place_as(
     progress: Progress = silent,
 ) -> Placement:
     """Place sensors as an aim says; arguments and errors as `place_by_position_error`."""
-    if aim.criterion == "eigenvalue-product":
-        return place(influence, rules, count, seed, aim.leading, search=aim.search, effort=aim.effort)
-    placement = place_by_position_error(influence, rules, count, seed, sampling, aim, progress)
-    if aim.leading is None:
-        return placement
-    return replace(placement, log_eigenvalue_product=score_layout(influence, placement.place_mm, aim.leading))
+    match aim.criterion:
+        case "eigenvalue-product":
+            return place(influence, rules, count, seed, aim.leading, search=aim.search, effort=aim.effort)
+        case "position-error":
+            placement = place_by_position_error(influence, rules, count, seed, sampling, aim, progress)
+            if aim.leading is None:
+                return placement
+            return replace(placement, log_eigenvalue_product=score_layout(influence, placement.place_mm, aim.leading))
 
 
 def place(

@@ -36,7 +36,7 @@ from beamtouch_models.design.accuracy.thresholds import left_by_contact, misfit_
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.placement.layout_rules import LayoutRules
-from beamtouch_models.places import Extent, grid_of
+from beamtouch_models.places import Extent, along_axis, grid_of
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import Errors
 
@@ -125,8 +125,8 @@ def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Samp
     """Return the loads on a structure, for sensors at the candidates of these rules."""
     extent, errors = influence.extent, sampling.settled
     half = Extent(tuple((0.0, float(size) / 2) for size in extent.size_mm))
-    first = extent.low_mm + half.middles(PLACES)[:, None]
-    kinds = (first + np.stack([0 * half.size_mm, half.size_mm]), first + half.middles(PARTS))
+    first = extent.low_mm + half.middles(along_axis(PLACES, extent.axes))[:, None]
+    kinds = (first + np.stack([0 * half.size_mm, half.size_mm]), first + half.middles(along_axis(PARTS, extent.axes)))
     weak, strong = influence.force_n
     forces = np.unique(weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES)
 
@@ -148,7 +148,7 @@ def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Samp
 
 @dataclass(frozen=True)
 class PositionError:
-    """Minus the mean position error of layouts of the same beam in mm, on a few contacts, as a search makes it largest.
+    """Minus the mean position error of layouts of a structure in mm, on a few contacts: a search makes it largest.
 
     Without a spare only layouts are allowed that notice other loads as well as `least`. With one, the error is the
     largest over each one sensor failed, less `SPARE_NOTICES` of it times the share of other loads that is noticed.
@@ -273,7 +273,7 @@ def position_error_of(
 def mean_distances(edges_mm: list[Floats], log_density: Floats) -> Floats:
     """Return the mean distance from the median in mm (contacts,) of densities that are constant within each cell.
 
-    Of two axes, it is the root of the squares of the mean distances along each.
+    Of two axes, the median is that along each, and distances are those of the middles of cells.
 
     Parameters
     ----------
@@ -285,16 +285,24 @@ def mean_distances(edges_mm: list[Floats], log_density: Floats) -> Floats:
     mass = log_density - log_density.max(axis=1, keepdims=True)
     np.exp(np.maximum(mass, MIN_LOG, out=mass), out=mass)
     mass *= grid_of(widths).prod(axis=1)
-    if len(widths) == 1:
-        return _mean_distances(widths[0], mass)
-    masses, axes = mass.reshape(len(mass), *map(len, widths)), range(1, len(widths) + 1)
-    along = [masses.sum(axis=tuple(other_axis for other_axis in axes if other_axis != axis)) for axis in axes]
-    distances = [_mean_distances(width, marginal) for width, marginal in zip(widths, along, strict=True)]
-    distance: Floats = np.hypot.reduce(distances)
-    return distance
+    return _distances_on_line(widths[0], mass) if len(widths) == 1 else _distances_of_cells(edges_mm, mass)
 
 
-def _mean_distances(width: Floats, mass: Floats) -> Floats:
+def _distances_of_cells(edges_mm: list[Floats], mass: Floats) -> Floats:
+    """Return the mean distances of masses (contacts, cells) from their medians along each axis."""
+    mass = mass / mass.sum(axis=1, keepdims=True)
+    middles, axes = [(edges[1:] + edges[:-1]) / 2 for edges in edges_mm], range(len(edges_mm))
+    masses = mass.reshape(len(mass), *map(len, middles))
+    medians = np.empty((len(mass), len(middles)))
+    for axis in axes:
+        marginal = masses.sum(axis=tuple(1 + other_axis for other_axis in axes if other_axis != axis))
+        medians[:, axis] = middles[axis][(np.cumsum(marginal, axis=1) >= 0.5).argmax(axis=1)]
+    places = grid_of(middles)
+    distances = [row @ np.linalg.norm(places - median, axis=1) for row, median in zip(mass, medians, strict=True)]
+    return np.array(distances)
+
+
+def _distances_on_line(width: Floats, mass: Floats) -> Floats:
     """Return the same of one axis, from the widths (cells,) and the masses (contacts, cells), which it overwrites."""
     below = np.cumsum(mass, axis=1, out=mass)
     below /= below[:, -1:]

@@ -137,7 +137,7 @@ def exchange(objective: Objective, run: SearchRun, most: int) -> SearchRun:
 def _by_steps(objective: Objective, run: SearchRun, most: int) -> SearchRun:
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
     rules, group, sensors = objective.rules, objective.at_once, len(run.layout)
-    step, moves = max(1, rules.steps_across // (4 * along_axis(sensors, rules.axes))), _moves(sensors, rules.axes)
+    step, moves = max(1, rules.ticks_across // (4 * along_axis(sensors, rules.axes))), _moves(sensors, rules.axes)
     while step and evaluations < most:
         before = len(scores)
         for first in range(0, len(moves), group):
@@ -163,7 +163,7 @@ def paper_search(objective: Objective, run: SearchRun, rng: np.random.Generator)
     """Run the paper's search; `rng` draws the variations."""
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
     rules = objective.rules
-    increment, idle = rules.steps_across / (2 * along_axis(len(run.layout), rules.axes)), 0
+    increment, idle = rules.ticks_across / (2 * along_axis(len(run.layout), rules.axes)), 0
     while len(scores) < MAX_GENERATIONS and idle < PATIENCE:
         clones = _varied(layouts[-1], rules, increment, rng)
         values = objective.scores(clones, scores[-1])
@@ -209,8 +209,10 @@ def _varied(best: Indices, rules: LayoutRules, increment: float, rng: np.random.
     if not len(free):
         return clones
     change = np.rint(rng.normal(scale=increment, size=(population, len(free), rules.axes))).astype(np.intp)
-    # A sensor that is to move takes at least one step: a clone equal to its parent is wasted.
-    change[change == 0] = rng.choice([-1, 1], size=int((change == 0).sum()))
+    # A sensor that is to move takes at least one step along an axis: a clone equal to its parent is wasted.
+    still = np.argwhere(~change.any(axis=2))
+    axis = rng.integers(rules.axes, size=len(still)) if rules.axes > 1 else 0
+    change[still[:, 0], still[:, 1], axis] = rng.choice([-1, 1], size=len(still))
     order = rng.permuted(np.tile(np.arange(len(free)), (population, 1)), axis=1)
     moving = np.resize([len(free), 1, min(2, len(free))], population)
     change[order >= moving[:, None]] = 0

@@ -21,6 +21,7 @@ from beamtouch_models.lab.reproduction.paper import (
     rounded,
     rows_of,
 )
+from beamtouch_models.places import positions_of
 
 
 def figure_2() -> Figure:
@@ -151,7 +152,9 @@ def figures_5_and_6(seed: int) -> tuple[Figure, Figure]:
     seeds = range(seed, seed + OTHER_SEEDS + 1)
     runs = [paper_search(product, start, np.random.default_rng(run_seed)) for run_seed in seeds]
     iterations = [int(np.flatnonzero(np.diff(run.scores))[-1]) + 1 for run in runs]
-    return _positions(surface.rules.place_mm[:, 0][np.array(runs[0].layouts)], iterations), _performance(runs[0])
+    return _positions(positions_of(surface.rules.place_mm)[np.array(runs[0].layouts)], iterations), _performance(
+        runs[0]
+    )
 
 
 def _positions(positions_mm: Floats, iterations: list[int]) -> Figure:

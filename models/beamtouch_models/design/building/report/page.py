@@ -29,7 +29,7 @@ from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import three_digits
-from beamtouch_models.places import on_axis
+from beamtouch_models.places import on_axis, positions_of
 from beamtouch_models.runtime.description import answers, nothing_seen, per_day, unseen
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
 
@@ -94,7 +94,7 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
     contacts = simulated(prior, draws, built.metadata.seed + SEED_SHIFT)
     weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
-    edges = np.linspace(*prior.extent.position_mm, PROFILE_BINS + 1)
+    edges = np.linspace(*prior.extent.range_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
     def means(values: Floats) -> Floats:
@@ -212,7 +212,7 @@ def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]
     curve = Series("", seen.position_mm, forces)
     chart = Chart(says, x_label, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark))
-    load_mm = facts.built.layout.surface.influence.load_mm[:, 0]
+    load_mm = positions_of(facts.built.layout.surface.influence.load_mm)
     scaled = components_mm / facts.model.metadata.noise.sample_mm
     says = "Components over the position of the contact, in units of the noise of a sample"
     curves = [

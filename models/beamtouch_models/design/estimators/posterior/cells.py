@@ -72,10 +72,10 @@ def resolving_cells(prior: Prior) -> int | None:
 
 def influence_path_of(prior: Prior) -> InfluencePath:
     """Return the path of a prior's sample."""
-    fine = np.linspace(*prior.extent.position_mm, FINE)
-    influence = prior.table(on_axis(fine))
+    fine = np.linspace(*prior.extent.range_mm, FINE)
+    influence = prior.influence_table(on_axis(fine))
     force = prior.force_n[1]
-    deviation = prior.deviation_in_table_mm(on_axis(fine), force)
+    deviation = prior.tabled_deviation_mm(on_axis(fine), force)
     within = (deviation[1:] + deviation[:-1]) / 2
     shape = force * (influence[1:] + influence[:-1]) / 2 / within
     change = force * np.diff(influence, axis=0) / within
@@ -98,7 +98,7 @@ def cells_of(prior: Prior, count: int, path: InfluencePath | None = None) -> Cel
     marks = np.linspace(0, along[-1], 2 * count + 1)
     table = np.stack([np.interp(marks, along, column) for column in path.influence.T], axis=1)
     places = np.interp(marks, along, path.position_mm)
-    variance = None if prior.variance is None else prior.variance(on_axis(places[1::2]))
+    variance = None if prior.variance_table is None else prior.variance_table(on_axis(places[1::2]))
     return Cells(places[::2], table[1::2], variance)
 
 

@@ -102,7 +102,7 @@ def table_of(prior: Prior) -> Table:
     steps = FULL_TURN * np.sqrt(float(path.size.max()) / (8 * SAGITTA))
     position = cells_of(prior, int(np.clip(np.ceil(steps), *NODES)), path).edges_mm
     places = on_axis(position)
-    variance = None if prior.variance is None else prior.variance(places)
+    variance = None if prior.variance_table is None else prior.variance_table(places)
     size = path.size[1:-1]
     is_held = (size <= path.size[:-2]) & (size < path.size[2:]) & (size < HELD * path.size.max())
     held = np.interp(path.position_mm[1:-1][is_held], position, np.arange(len(position)))
@@ -129,7 +129,7 @@ def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force:
     edges = _edges(graph, _windows(graph, prior, seen, first(graph, seen), table.steps, rows), table)
     width, influence, variance = _cells(graph, prior, edges, table, rows)
     fit = scored(graph, seen, prior.force_n[1], influence, variance)
-    low, high = prior.extent.position_mm
+    low, high = prior.extent.range_mm
     share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
     share = graph.apply("Max", share, graph.constant(MIN_MASS))
     least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2], keepdims=1)
@@ -222,7 +222,7 @@ def _step(
         size = graph.apply("Add", along(shape, shape), graph.constant(TINY))
         return size, graph.apply("Max", graph.apply("Div", along(shape, sample), size), graph.constant(TINY))
 
-    if prior.variance is not None:
+    if prior.variance_table is not None:
         ends = graph.ints(0, channels), graph.ints(1, 2 * channels), graph.ints(2, 1)
         force = best_force()[1] if known_n is None else graph.constant(known_n)
         wider = widening(graph, force, graph.apply("Slice", every, *ends))
@@ -276,7 +276,7 @@ def _cells(graph: Graph, prior: Prior, edges: str, table: Table, rows: Rows) -> 
     width = graph.apply("Transpose", graph.apply("Sub", cut(at_edge, "last"), cut(at_edge, "first")), perm=[0, 2, 1])
     middle = graph.apply("Mul", graph.apply("Add", cut(edges, "last"), cut(edges, "first")), graph.constant(0.5))
     value = graph.apply("Transpose", _between(graph, middle, rows, table.steps), perm=[0, 2, 1])
-    if prior.variance is None:
+    if prior.variance_table is None:
         return width, value, None
     influence, variance = graph.split(value, 2, 1)
     return width, influence, variance
