@@ -146,3 +146,12 @@ def test_what_a_live_batch_brings_is_left_in_memory() -> None:
     log.forget(1)
     found = [[numbers(piece) for piece in log.for_disk(5.0, 100.0, before, most=10)] for before in (1, 2, 4, 9)]
     assert found == [[], [], [[2, 3]], [[2, 3, 4]]]
+
+
+def test_a_batch_of_the_log_is_a_backlog_with_the_note_of_its_samples() -> None:
+    log = Held().log
+    samples = taken(1, 2, notes=(Note.RATE,))
+    batch = log.batch(samples)
+    assert (batch.boot_id, batch.samples, batch.notes) == ("boot-0001", [one.sample for one in samples], ["rate"])
+    assert batch.backlog
+    assert (log.batch([]).samples, log.batch([]).notes) == ([], [])
