@@ -82,6 +82,7 @@ def test_a_beam_that_rings_is_touched_by_three_samples_in_a_row() -> None:
     weak, still = sample(above(TOUCH)), sample(TOUCH)
     assert after(RINGING, weak, weak, weak) == ["clear*", "clear*", "contact"]
     assert after(RINGING, weak, weak, still, weak, weak, still) == ["clear*", "clear*", "clear"] * 2
+    assert after(RINGING, weak, still, weak, weak, weak)[-1] == "contact"
 
 
 def test_five_still_samples_in_a_row_show_rest() -> None:
@@ -140,6 +141,7 @@ def test_three_odd_samples_in_a_row_are_unexplained() -> None:
 def test_three_samples_that_are_explained_end_a_stretch() -> None:
     odd, still, touched = sample(0.0, odd=True), sample(TOUCH), sample(above(TOUCH))
     assert after(STRETCH, still, still, still) == ["unexplained", "unexplained", "clear"]
+    assert after(STRETCH, *[sample(0.0)] * 3) == ["unexplained", "unexplained", "clear"]
     assert after(STRETCH, still, still, touched) == ["unexplained", "unexplained", "contact"]
     assert after(STRETCH, still, still, odd, still, still) == ["unexplained"] * 5
     vague = sample(0.0, moves=True, precision=7.99)
