@@ -90,6 +90,7 @@ def test_five_still_samples_in_a_row_show_rest() -> None:
     assert after(RINGING, *[still] * 5, weak)[-1] == "contact"
     assert after(RINGING, *[still] * 4, weak)[-1] == "clear*"
     assert after(RINGING, *[still] * 4, swing, *[still] * 4, weak)[-1] == "clear*"
+    assert after(RINGING, swing, *[still] * 5, weak)[-1] == "contact"
     assert decide(THRESHOLDS, RINGING._replace(still=4), still)[0] == AT_REST
     assert decide(THRESHOLDS, AT_REST, swing)[0] == AT_REST  # nothing but a touch moves it
 
@@ -98,6 +99,11 @@ def test_the_sample_of_a_lift_is_the_first_at_rest() -> None:
     assert after(CONTACT, *[sample(0.0)] * 5, sample(above(TOUCH)))[-1] == "contact"
     assert after(CONTACT, *[sample(0.0)] * 4, sample(above(TOUCH)))[-1] == "clear*"
     assert after(CONTACT, sample(0.0, moves=True), *[sample(0.0)] * 4, sample(above(TOUCH)))[-1] == "clear*"
+
+
+def test_after_a_lift_a_touch_takes_three_samples_in_a_row() -> None:
+    touched = [sample(above(TOUCH))] * 3
+    assert after(CONTACT, sample(0.0), *touched) == ["clear", "clear*", "clear*", "contact"]
 
 
 def test_a_contact_ends_at_an_eighth_of_the_log_odds_of_a_touch() -> None:

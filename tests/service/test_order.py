@@ -6,20 +6,26 @@ from beamtouch_service.surfaces.order import MAX_RUNS, MAX_SENDERS, Order, Rival
 STALE_MS = 500.0
 
 
-def batch_of(*numbers: int, boot_id: str = "boot-0001", backlog: bool = False) -> Batch:
-    """Return a batch of samples with these numbers."""
+def batch_of(*numbers: int, boot_id: str = "boot-0001", backlog: bool = False, age_ms: float = 0.0) -> Batch:
+    """Return a batch of samples with these numbers, the newest of this age."""
     each = [
         {"sequence": number, "acquired_unix_us": number, "deflection_mm": [0.5], "quality": ["good"]}
         for number in numbers
     ]
     content = {"boot_id": boot_id, "channels": ["s1"], "samples": each, "backlog": backlog}
-    return Batch.model_validate(content | {"newest_age_ms": None if backlog else 0.0})
+    return Batch.model_validate(content | {"newest_age_ms": None if backlog else age_ms})
 
 
 def test_a_number_is_new_once_whatever_the_order() -> None:
     runs = Runs()
     assert [runs.add(number) for number in (5, 5, 6, 4, 9, 7, 8, 8, 4)] == [True, False, *[True] * 5, False, False]
     assert runs.missing == 0
+    runs = Runs()
+    for number in (1, 5, 9, 6, 2, 10):
+        assert runs.add(number)
+    assert [runs.add(number) for number in range(1, 12)] == [False] * 2 + [True] * 2 + [False] * 2 + [True] * 2 + [
+        *(False, False, True)
+    ]
 
 
 def test_numbers_between_the_first_and_the_last_are_missing() -> None:
@@ -33,6 +39,7 @@ def test_numbers_between_the_first_and_the_last_are_missing() -> None:
 
 def test_of_too_many_gaps_the_oldest_is_lost_for_good() -> None:
     runs = Runs()
+    assert MAX_RUNS == 1000
     for number in range(MAX_RUNS):
         runs.add(3 * number)
     assert runs.missing == 2 * (MAX_RUNS - 1)
@@ -68,6 +75,21 @@ def test_a_batch_without_samples_and_a_backlog_move_no_answer() -> None:
     taken = order.take(live, 1000.0)
     assert (taken.accepted, taken.repeated, taken.fresh) == (1, 1, [live.samples[1]])
     assert not order.moves_answer(live, 1000.0)
+
+
+def test_the_last_sample_of_a_batch_says_whether_it_moves_the_answer_and_its_age_when_it_was_taken() -> None:
+    order = Order(STALE_MS)
+    assert order.take(batch_of(1, 2, 3, age_ms=250.0), 1000.0).acquired_s == 999.75
+    assert [order.moves_answer(batch_of(*numbers), 1000.0) for numbers in ((1, 2, 3), (2, 3, 4))] == [False, True]
+    assert order.take(batch_of(4, backlog=True), 1000.0).acquired_s == 1000.0
+
+
+def test_a_sender_that_was_heard_of_late_is_remembered() -> None:
+    order = Order(STALE_MS)
+    for number in (*range(MAX_SENDERS), 0, MAX_SENDERS):
+        order.take(batch_of(1, boot_id=f"boot-{number:04}"), 1000.0)
+    repeated = [order.take(batch_of(1, boot_id=f"boot-{number:04}"), 1000.0).repeated for number in (0, 2, 1)]
+    assert repeated == [1, 1, 0]
 
 
 def test_a_replaced_sender_returns_once_the_newest_sample_is_stale_with_a_later_one() -> None:
