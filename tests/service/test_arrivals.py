@@ -43,6 +43,7 @@ def batch_of(boot_id: str, sent_s: float | None, *, backlog: bool = False) -> Ba
 def test_a_batch_that_does_not_say_when_it_was_sent_arrived_when_it_may_have_been_there() -> None:
     transit = Transit()
     assert transit.arrival_s(batch_of("boot-0001", None), 10.0, 9.0) == 9.0
+    assert transit.arrival_s(batch_of("boot-0001", None), 10.0, 10.0) == 10.0
     assert transit.arrival_s(batch_of("boot-0001", None, backlog=True), 10.0, 9.0) == 9.0
 
 
