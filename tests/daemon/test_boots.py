@@ -1,5 +1,7 @@
 """Boots of a surface that are still in the log: what each has yet to deliver, which are named, and what is said."""
 
+import asyncio
+from math import inf
 from time import monotonic
 
 import pytest
@@ -124,6 +126,26 @@ async def test_a_refused_sample_is_dropped_once_all_before_it_are_durable() -> N
     assert (one.boot.missing, one.logs.counts.dropped) == (range(5, ALL + 1), 2)
 
 
+async def test_a_refused_sample_that_became_durable_is_not_dropped() -> None:
+    one = Delivered()
+    one.tell(durable=5, expected=6)
+    one.boot.refuse(3)
+    assert (one.boot.missing, one.logs.counts.dropped) == (range(6, ALL + 1), 0)
+
+
+async def test_a_change_that_is_awaited_comes_after_that_or_not_in_time() -> None:
+    one = Delivered().boot
+    one.changed.set()  # before
+    begin_s = monotonic()
+    await one.wait_for_change(0.05)
+    assert monotonic() - begin_s >= 0.05
+    waits = asyncio.ensure_future(one.wait_for_change(inf))
+    await asyncio.sleep(0)
+    assert not waits.done()
+    one.changed.set()
+    await waits
+
+
 async def test_a_boot_that_ends_leaves_all_to_the_backlog_which_asks_first() -> None:
     one = Delivered(expected=4).boot
     one.live.begin(7, ALL)
@@ -155,11 +177,14 @@ async def test_the_logs_of_a_surface_count_what_its_boots_hold() -> None:
     former = logs.by_boot["boot-0000"]
     assert (logs.in_memory, logs.on_disk, logs.waiting) == (4, 6, [former, present])
     assert (former.expected, former.log.oldest, former.log.next) == (None, 3, 9)
+    former.expected = 4
+    assert former.missing == range(4, 9)
     assert (logs.refused, logs.is_line_thin) == (0, False)
     former.refusal, present.pace.is_thin = "No.", True
     assert (logs.refused, logs.is_line_thin) == (1, True)
     assert (logs.give_up(), logs.counts.dropped) == (4, 4)
     logs.prune()
+    assert logs.by_boot == {"boot-0000": former, "boot-0001": present}
     assert logs.others(former) == ["boot-0001"]  # the present one, which may get some
     former.log.forget(9)
     logs.prune()

@@ -76,7 +76,10 @@ def test_an_answer_is_explained_in_one_line(status: int, content: bytes, said: s
     [
         ({9, 10}, "renew it, or check the clock of this machine"),
         ({62, 64}, "publish.url must have a name or address that the certificate states"),
-        ({8, 11, 18, 61, 63, 65}, "publish.certificate_file must be the service's certificate, or that of its authority"),
+        (
+            {8, 11, 18, 61, 63, 65},
+            "publish.certificate_file must be the service's certificate, or that of its authority",
+        ),
     ],
     ids=["not valid now", "of another name", "of a stranger"],
 )

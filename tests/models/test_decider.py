@@ -124,7 +124,7 @@ def test_a_lift_that_is_not_plain_takes_three_samples_in_a_row(unclear: Evidence
 
 
 def test_a_state_ends_on_a_sample_that_could_have_shown_what_it_stands_on() -> None:
-    """That would have a misfit of 128 if the beam lay still, and must have one of at least 32, twice that of a touch."""
+    """That would have a misfit of 128 if the beam lay still, and must have one of 32, twice that of a touch."""
     assert after(CONTACT, sample(0.0, moves=True, precision=8.0)) == ["clear*"]
     assert after(CONTACT, sample(0.0, moves=True, precision=7.99)) == ["contact*"]
     # What these channels cannot show better needs half of what they can.

@@ -1,4 +1,4 @@
-"""What a sample says under a model: whether it moves and is settled, what it adds of zeros, and what a force is beyond."""
+"""What a sample says under a model: whether it moves and is settled, what zeros add, and what a force is beyond."""
 
 from math import inf, nextafter
 
@@ -96,7 +96,9 @@ def test_what_is_not_known_of_a_deflection_counts_for_the_least_that_it_may_be(s
 
 
 def test_parts_of_samples_keep_what_is_known_of_them() -> None:
-    two = Weighed.stacked([sample(1.0).with_zeros(np.array([[1.0, 2.0]])), sample(2.0).with_zeros(np.array([[3.0, 4.0]]))])
+    two = Weighed.stacked(
+        [sample(1.0).with_zeros(np.array([[1.0, 2.0]])), sample(2.0).with_zeros(np.array([[3.0, 4.0]]))]
+    )
     second = two.part(np.array([1]))
     assert second.zero_mm2 is not None
     assert second.zero_mm2.tolist() == [[3.0, 4.0]]

@@ -74,16 +74,14 @@ def test_the_quickest_way_is_that_of_two_windows_and_drifts_between_them() -> No
 
     assert waited_s(100.0, 0.0) == 0.0
     assert waited_s(130.0, 0.5) == 0.5  # the window is not over
-    assert waited_s(131.0, 0.5) == 0.5 - 200e-6
-    assert waited_s(161.0, 0.5) == 0.5 - 200e-6
-    assert waited_s(162.0, 0.5) == 0.0
+    assert waited_s(132.0, 0.5) == 0.5 - 400e-6
+    assert waited_s(162.0, 0.5) == 0.5 - 400e-6
+    assert waited_s(163.0, 0.5) == 0.0
 
 
 def samples_at(*times_us: int) -> list[Sample]:
     return [
-        Sample.model_validate(
-            {"sequence": number, "acquired_unix_us": us, "deflection_mm": [0.5], "quality": ["good"]}
-        )
+        Sample.model_validate({"sequence": number, "acquired_unix_us": us, "deflection_mm": [0.5], "quality": ["good"]})
         for number, us in enumerate(times_us, 1)
     ]
 

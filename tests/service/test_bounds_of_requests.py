@@ -128,7 +128,7 @@ def test_a_stream_says_again_after_a_second_what_has_not_changed(bench: Bench) -
     assert said == [True, False, True, False, True]
 
 
-NO_TOKEN = "This is not a token of the service. Check its token files."
+STRANGER = "This is not a token of the service. Check its token files."
 NO_SCHEME = "Send the header `Authorization: Bearer TOKEN` with a token of the service."
 
 
@@ -141,7 +141,7 @@ NO_SCHEME = "Send the header `Authorization: Bearer TOKEN` with a token of the s
         (Role.READ, f"Bearer {READ_TOKEN}", None),
         (Role.OPEN, "", None),
         (Role.WRITE, f"Bearer {READ_TOKEN}", "This is the read token. Use the write token (--write-token-file)."),
-        (Role.READ, f"Bearer {TOKEN[:-1]}", NO_TOKEN),
+        (Role.READ, f"Bearer {TOKEN[:-1]}", STRANGER),
         (Role.READ, f"Basic {TOKEN}", NO_SCHEME),
         (Role.WRITE, TOKEN, NO_SCHEME),
         (Role.READ, None, NO_SCHEME),

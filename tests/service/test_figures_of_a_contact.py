@@ -54,7 +54,7 @@ def test_a_place_without_an_interval_must_lie_on_the_beam(position_mm: float, is
 
 @pytest.mark.parametrize("value", [nan, inf, -inf])
 def test_what_is_no_number_is_named(value: float) -> None:
-    with pytest.raises(UnusableEstimateError, match="^force_low_n is not a finite number$"):
+    with pytest.raises(UnusableEstimateError, match=r"^force_low_n is not a finite number$"):
         figures_of(answer(1.0, 0.0, 2.0, force_n=1.0, force_low_n=value), LENGTH_MM)
 
 

@@ -1,4 +1,4 @@
-"""Which databases a record can be opened in, and what is said of those that cannot: the reason, and at first the remedy."""
+"""Which databases a record can be opened in, and what is said of the others: the reason, and at first the remedy."""
 
 from contextlib import closing
 from pathlib import Path

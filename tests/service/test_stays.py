@@ -1,6 +1,6 @@
 """How samples of a contact become stays of its load, and stays its figures, at the bounds between them."""
 
-from typing import Any
+from typing import TypedDict, Unpack
 
 import pytest
 
@@ -14,19 +14,29 @@ def span(middle: float, half: float = 1.0) -> Span:
     return Span(middle, middle - half, middle + half)
 
 
+class Known(TypedDict, total=False):
+    """What a sample knows of the load; of one reading that shows it unless stated otherwise."""
+
+    begin_us: float
+    knows: float
+    is_shown: bool
+    is_unsteady: bool
+
+
 class Touched:
     """A load whose samples are 5 ms apart, the first one at the touch."""
 
     def __init__(self, has_force: bool = True) -> None:
         self.load, self.has_force, self.now_us = Load(0), has_force, -STEP_US
 
-    def see(self, *places_mm: float, force_n: float = 10.0, half: float = 1.0, **more: Any) -> "Touched":
-        """Add a sample of each place, of one reading unless `begin_us` says when its oldest one was taken."""
+    def see(self, *places_mm: float, force_n: float = 10.0, half: float = 1.0, **more: Unpack[Known]) -> "Touched":
+        """Add a sample of each place."""
         for place_mm in places_mm:
             self.now_us += STEP_US
             spans = (span(place_mm, half), span(force_n)) if self.has_force else (span(place_mm, half),)
-            known = {"begin_us": self.now_us, "knows": 1.0, "is_shown": True, "is_unsteady": False} | more
-            self.load.add(Sighting(self.now_us, spans=spans, **known))
+            begin_us, knows = more.get("begin_us", self.now_us), more.get("knows", 1.0)
+            marks = more.get("is_shown", True), more.get("is_unsteady", False)
+            self.load.add(Sighting(self.now_us, begin_us, spans, knows, *marks))
         return self
 
     @property
@@ -140,8 +150,15 @@ def test_a_ramp_is_surely_weaker_than_what_follows() -> None:
 
 
 def test_without_forces_a_ramp_has_an_interval_of_more_than_twice_the_width() -> None:
-    inner = Stay(0, 1, is_unsteady=False, spans=(span(100.0),))
-    assert [inner._replace(spans=(span(100.0, half),)).is_weaker(inner) for half in (2.0, 2.01)] == [False, True]
+    inner = Stay(0, 1, is_unsteady=False, spans=(span(1.0, 0.5),))
+    assert [inner._replace(spans=(span(1.0, half),)).is_weaker(inner) for half in (1.0, 1.01)] == [False, True]
+
+
+def test_a_single_sample_counts_as_a_microsecond() -> None:
+    assert [Stay(0, lasts_us, is_unsteady=False, spans=()).weight for lasts_us in (0, 1, 2)] == [1, 1, 2]
+    one = Touched().see(150.0, is_unsteady=True)
+    one.now_us -= STEP_US
+    assert one.see(151.0, 250.0, is_unsteady=True).path[0] == (0.0, 5.0, 150.5)
 
 
 def test_a_load_of_which_all_is_unsteady_says_so() -> None:
@@ -171,7 +188,7 @@ def test_a_path_of_too_many_stays_joins_the_two_neighbours_that_lasted_least() -
         one.see(150.0 + 10 * (number % 2), force_n=20.0 if number == 12 else 10.0)
         one.now_us += 10 * STEP_US * (number not in {5, 6, 7})
     path = one.path
-    assert len(path) == MAX_STAYS
+    assert len(path) == MAX_STAYS == 25
     assert (6, 7) not in [(round(stay[0]), round(stay[1])) for stay in path]
     shortest = [stay for stay in path if stay[2] not in {150.0, 160.0}]
     assert shortest == [(pytest.approx(275.0), pytest.approx(10.0), pytest.approx(155.0))]
