@@ -44,6 +44,7 @@ def test_the_noise_that_the_model_was_made_for_is_no_motion(small: ModelFile) ->
 
 def test_a_channel_that_is_missing_says_nothing_of_motion(small: ModelFile) -> None:
     """Its covariance is 0; of the others, both what scatters and what is noise count."""
+    assert said(small, sample(1.6, 1.0, valid=(True, True, False)))[0].moves
     one = sample(1.5, 1.0, valid=(True, True, False))
     (found,) = said(small, one)
     assert (found.moves, found.channels) == (False, 2)
@@ -117,7 +118,7 @@ def test_a_force_is_beyond_the_range_if_two_half_widths_of_it_are(small: ModelFi
     weights = np.eye(3)
 
     def is_beyond(**answer: float) -> bool:
-        return is_overload(small.metadata, Evidence(np.zeros(3), weights, answer, 3, 0.0, False, 0.0, weights))
+        return is_overload(small.metadata, Evidence(np.zeros(3), weights, answer, 3, 0.0, False, 0.0, weights, True))
 
     assert [is_beyond(force_n=24.0, force_low_n=low_n) for low_n in (22.0, 22.001)] == [False, True]
     assert not is_beyond(force_n=24.0)
@@ -126,6 +127,6 @@ def test_a_force_is_beyond_the_range_if_two_half_widths_of_it_are(small: ModelFi
 
 def test_a_contact_is_checked_by_three_channels() -> None:
     weights = np.eye(3)
-    one = Evidence(np.zeros(3), weights, {}, 3, 0.0, False, 0.0, weights)
+    one = Evidence(np.zeros(3), weights, {}, 3, 0.0, False, 0.0, weights, True)
     assert [is_unchecked(one._replace(channels=channels)) for channels in (1, 2, 3)] == [True, True, False]
     assert one.misfit == 0.0  # of a model that does not state it

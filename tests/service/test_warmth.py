@@ -14,7 +14,7 @@ THRESHOLDS = Thresholds(touch=[1.0] * 4, rest=[1.0, 1.0, LIMIT, LIMIT], misfit=[
 def sample(*deflection_mm: float, channels: int = 4) -> Evidence:
     """Return a sample of a precision of 16 per mm, in which so many channels took part."""
     weights = np.eye(4) * 16.0
-    return Evidence(np.array(deflection_mm), weights, {}, channels, 0.0, False, 0.0, weights)
+    return Evidence(np.array(deflection_mm), weights, {}, channels, 0.0, False, 0.0, weights, True)
 
 
 def test_a_sample_is_explained_by_a_shift_of_all_zeros_if_what_is_left_is_rest() -> None:
