@@ -7,6 +7,7 @@ import pytest
 
 from beamtouch_models.runtime import Evidence, ModelFile, Weighed, evidence, is_unchecked
 from beamtouch_models.runtime.decision.evidence import is_overload
+from beamtouch_models.runtime.metadata import Calibration, Departures
 from support.surfaces.small_model import model_of
 
 NOISE_MM2 = 1e-4
@@ -59,8 +60,8 @@ def test_what_zeros_may_have_walked_since_the_last_rest_is_no_motion(small: Mode
     walked = sample(1.5, 1.0).with_zeros(zero_mm2)
     assert np.array_equal(walked.covariance_mm2[0], 1.0 + 2.0 * np.eye(3))
     assert np.array_equal(walked.still_mm2[0], 1.0 + 1.5 * np.eye(3))
-    assert not said(small, walked)[0].moves
-    assert said(small, sample(2.3, 1.0).with_zeros(zero_mm2))[0].moves
+    moving = sample(2.3, 1.0).with_zeros(zero_mm2)
+    assert [one.moves for one in said(small, walked, moving)] == [False, True]
     assert sample(1.5).with_zeros(None).zero_mm2 is None
     assert np.array_equal(sample(1.5, 0.25).still_mm2[0], 0.25 * np.eye(3))
 
@@ -89,11 +90,23 @@ def test_the_evidence_under_the_noise_alone_is_that_of_a_still_sample(small: Mod
     assert lost.seen_mm == (0.25, None, 0.25)
 
 
+def test_a_calibrated_beam_rests_where_its_calibration_says(small: ModelFile) -> None:
+    departures = Departures(position_offset_mm=[0.0] * 3, gain=[1.0] * 3, offset_mm=[0.25, 0.125, 0.0])
+    calibration = Calibration(departures=departures, fitted=["offset"], loads=9, residual_mm=0.0)
+    metadata = small.metadata.model_copy(update={"calibration": calibration})
+    (one,) = evidence(metadata, small.run, sample(1.0, 1.0, valid=(True, True, False)))
+    assert one.deflection_mm.tolist() == [0.0, 0.125, 0.0]
+    assert one.rest_misfit == pytest.approx(0.125**2, rel=1e-3)
+
+
 def test_what_is_not_known_of_a_deflection_counts_for_the_least_that_it_may_be(small: ModelFile) -> None:
     (one,) = said(small, sample(1.0, 1.0))
     unknown = np.array([0.25, np.nan, 0.25])
     assert one.shows(unknown) == pytest.approx(2 * 0.25**2, rel=1e-3)
     assert one.shows(np.full(3, np.nan)) == 0.0
+    # What moves all zeros together is known from the channels that are there: a variance of 7 along both.
+    (one,) = said(small, sample(1.0, 1.0).with_zeros(np.array([[3.0, 0.0]])))
+    assert one.shows(unknown) == pytest.approx(2 * 0.25**2 / 7, rel=1e-3)
 
 
 def test_parts_of_samples_keep_what_is_known_of_them() -> None:
@@ -121,6 +134,8 @@ def test_a_force_is_beyond_the_range_if_two_half_widths_of_it_are(small: ModelFi
         return is_overload(small.metadata, Evidence(np.zeros(3), weights, answer, 3, 0.0, False, 0.0, weights, True))
 
     assert [is_beyond(force_n=24.0, force_low_n=low_n) for low_n in (22.0, 22.001)] == [False, True]
+    assert not is_beyond(force_n=10.0, force_low_n=9.0)
+    assert not is_beyond(force_n=45.0, force_low_n=22.0)
     assert not is_beyond(force_n=24.0)
     assert not is_beyond(force_low_n=24.0)
 
@@ -128,5 +143,5 @@ def test_a_force_is_beyond_the_range_if_two_half_widths_of_it_are(small: ModelFi
 def test_a_contact_is_checked_by_three_channels() -> None:
     weights = np.eye(3)
     one = Evidence(np.zeros(3), weights, {}, 3, 0.0, False, 0.0, weights, True)
-    assert [is_unchecked(one._replace(channels=channels)) for channels in (1, 2, 3)] == [True, True, False]
+    assert [is_unchecked(one._replace(channels=channels)) for channels in (1, 2, 3, 4)] == [True, True, False, False]
     assert one.misfit == 0.0  # of a model that does not state it
