@@ -8,6 +8,7 @@ from time import clock_gettime, monotonic
 
 import pytest
 
+from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_service.samples import Batch, Note
 from support.network.free_ports import free_port
@@ -374,3 +375,25 @@ async def test_a_course_of_random_faults_leaves_every_sample_in_the_record_once_
         assert sorted(record.numbers()[boot_id] + lost[boot_id]) == list(range(1, number + 1))
         assert record.numbers()[boot_id] == sorted(record.numbers()[boot_id])
     assert sum(map(len, lost.values())) <= dropped
+
+
+class CountingStore(LogStore):
+    """A log file that counts what is read from it."""
+
+    reads = 0
+
+    async def read(self, chunk: Chunk) -> Batch | None:
+        self.reads += 1
+        return await super().read(chunk)
+
+
+async def test_a_chunk_that_goes_out_in_many_requests_is_read_once(tmp_path: Path) -> None:
+    await keep(tmp_path / "samples", 6)
+    store = CountingStore(tmp_path / "samples", ROOM)
+    await store.open()
+    async with serving(Service()) as service, Bench(service, store) as bench:
+        service.problem_of = lambda batch, _: (413, "too-large") if len(batch.samples) > 1 else None
+        await until(lambda: not bench.logs.on_disk)
+    await store.close()
+    assert service.record.numbers() == {"boot-0000": list(range(1, 7))}
+    assert store.reads == 1

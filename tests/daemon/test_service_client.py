@@ -21,6 +21,7 @@ from beamtouch_daemon.delivery.client import (
     UnreachableError,
     Verdict,
 )
+from beamtouch_daemon.delivery.readiness import calibration_on, contact_on
 from beamtouch_service.problems import Kind
 from support.network.certificates import make_certificate
 from support.surfaces import configs
@@ -142,3 +143,57 @@ def test_the_types_of_problems_are_those_of_the_service() -> None:
     never = {Kind.TOO_LARGE: TOO_LARGE, Kind.INVALID_REQUEST: INVALID_REQUEST}
     assert {Kind.MALFORMED_JSON.type_uri, *(kind.type_uri for kind in never)} == {*never.values()} | NEVER_ACCEPTED
     assert all(kind.type_uri == uri for kind, uri in never.items())
+
+
+def answer_of(body: str, status: str = "200 OK") -> bytes:
+    """Return what a server answers with this JSON."""
+    return f"HTTP/1.1 {status}\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode()
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (answer_of('{"state": "clear", "position_mm": null, "force_n": null}'), ""),
+        (answer_of('{"state": "contact", "position_mm": 99.6, "force_n": 3.5678}'), "a contact of 3.57 N at 100 mm"),
+        (answer_of('{"state": "contact", "position_mm": 99.6, "force_n": null}'), "a contact at 100 mm"),
+        (
+            answer_of('{"state": "unexplained", "position_mm": null, "force_n": null}'),
+            "something that it cannot explain",
+        ),
+        (answer_of("{}", "503 Service Unavailable"), None),
+        (ANSWER[:-1], None),
+    ],
+    ids=["clear", "contact", "no force", "unexplained", "a problem", "cut"],
+)
+async def test_what_the_service_sees_is_said_in_words(answer: bytes, said: str | None) -> None:
+    async with answering(answer) as address, ServiceClient(f"http://{address}", "token") as client:
+        assert await contact_on(client, "bench") == said
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_calibrated"),
+    [
+        (answer_of('{"calibration": null}'), False),
+        (answer_of('{"calibration": {"loads": 9}}'), True),
+        (answer_of("{}"), None),
+        (ANSWER[:-1], None),
+    ],
+    ids=["no", "yes", "a problem", "cut"],
+)
+async def test_whether_the_model_is_calibrated_is_asked(answer: bytes, is_calibrated: bool | None) -> None:
+    async with answering(answer) as address, ServiceClient(f"http://{address}", "token") as client:
+        assert await calibration_on(client, "bench") is is_calibrated
+
+
+async def test_a_name_that_nobody_knows_is_said_in_words() -> None:
+    assert str(await unreachable("http://no-such-host.invalid")) == "no such host is known"
+
+
+async def test_what_is_no_answer_has_advice_only_if_something_is_to_be_changed() -> None:
+    async with answering(b"SSH-2.0-OpenSSH_9.2\r\n") as address:
+        assert (await unreachable(f"http://{address}")).advice == "is publish.url the address of another program?"
+    async with answering(ANSWER[:-1]) as address:
+        assert (await unreachable(f"http://{address}")).advice == ""
+    async with answering(b"") as address:
+        closed = await unreachable(f"http://{address}/")
+    assert (str(closed), closed.advice) == ("connection closed", "")

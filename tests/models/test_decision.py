@@ -282,7 +282,7 @@ def test_a_mean_of_many_readings_may_lag_by_less_than_the_noise_of_the_model_and
 
 def test_a_sample_that_rest_explains_is_not_unexplained(bench: ModelFile) -> None:
     still, weights = np.zeros(4), np.eye(4)
-    said = Evidence(still, weights, {"contact_log_odds": -1.0, "misfit": 1e6}, 4, 0.1, False, -1.0, weights)
+    said = Evidence(still, weights, {"contact_log_odds": -1.0, "misfit": 1e6}, 4, 0.1, False, -1.0, weights, True)
     assert not is_odd(bench.metadata.thresholds, said)
     assert is_odd(bench.metadata.thresholds, said._replace(rest_misfit=1e6))
 

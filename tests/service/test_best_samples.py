@@ -1,12 +1,13 @@
 """The sample of each contact that is kept for a calibration."""
 
 import csv
+import dataclasses
 import io
 from typing import Any
 
 import pytest
 
-from service.bench import Bench, Row, surface_of
+from service.bench import Bench, Row, surface_of, surface_with
 from service.event_story import MOVING, RESTING, STILL, TOUCHING, send
 from support.surfaces.small_model import model_of
 
@@ -56,6 +57,36 @@ def test_an_event_without_a_steady_sample_of_one_contact_has_no_row(bench: Bench
     bench.send(RESTING, TOUCHING, RESTING, boot_id="boot-0002")
     (row,) = best_samples(bench)
     assert (row["readings"], row["characteristic"], row["s1_sd_mm"]) == ("1", "", "0.0100000000")
+
+
+def test_the_rest_before_a_contact_is_known_less_well_the_longer_ago_it_was_if_zeros_drift() -> None:
+    """Samples are 100 ms apart, in which the zeros of this model walk by 0.01 mm."""
+    model = model_of()
+    floor = model.metadata.floor.model_copy(update={"drift_mm_per_min": 6.0})
+    metadata = model.metadata.model_copy(update={"floor": floor})
+    bench = Bench(surface_with(dataclasses.replace(model, metadata=metadata)))
+    best: Row = [0.52, 0.26, 0.13]
+    send(bench, (RESTING, STILL), (RESTING, STILL), (TOUCHING, STILL), (best, {"readings": 16}), (RESTING, STILL))
+    (row,) = best_samples(bench)
+    # The rest has 4 readings, each of 0.01 mm, and the best sample is 200 ms after its end.
+    assert float(row["s1_rest_sd_mm"]) == pytest.approx((0.005**2 + 0.02**2) ** 0.5, rel=1e-3)
+    assert [float(row[f"s{number}_mm"]) for number in (1, 2, 3)] == best
+
+
+def test_of_samples_with_as_many_readings_the_first_of_a_contact_is_the_best(bench: Bench) -> None:
+    few, first, second = ([0.5 + step, 0.25, 0.125] for step in (0.0, 0.01, 0.02))
+    send(bench, (RESTING, STILL), (few, {"readings": 15}), (first, {"readings": 16}), (second, {"readings": 16}))
+    send(bench, (RESTING, STILL), sequence=5)
+    (row,) = best_samples(bench)
+    assert (float(row["s1_mm"]), row["readings"]) == (0.51, "16")
+
+
+def test_a_contact_is_better_than_what_none_explains_however_many_readings_that_has(bench: Bench) -> None:
+    odd: Row = [0.5, 0.25, 0.75]
+    send(bench, (RESTING, STILL), (TOUCHING, {"readings": 2}), *[(odd, {"readings": 50})] * 5, (TOUCHING, STILL))
+    send(bench, *[(RESTING, STILL)] * 6, sequence=9)
+    (row,) = best_samples(bench)
+    assert float(row["s3_mm"]) == 0.125
 
 
 def test_contacts_of_another_layout_of_channels_have_no_row() -> None:

@@ -115,6 +115,25 @@ def test_the_heartbeat_counts_tenths_of_a_second() -> None:
     assert found == [123, 124, 65_535, 0]
 
 
+@pytest.mark.parametrize(
+    ("row", "bits"),
+    [
+        ([0.5, 0.25, 0.125], 0b01_11),  # at 150 mm
+        ([0.5, 0.2, 0.0], 0b01_10),  # at the edge
+        ([0.5, 0.0, 0.0], 0b01_01),  # at 100 mm
+        ([0.5, 0.75, 0.5], 0b11_01),  # at 275 mm
+        ([0.0, 0.0, 0.0], 0b01_01),
+        ([0.5, 0.25, 0.75], 0b00_00),  # unexplained
+    ],
+)
+def test_two_bits_of_each_zone_say_whether_the_contact_is_inside(row: Row, bits: int) -> None:
+    zones = {"gate": Zone(from_mm=120, to_mm=200), "far": Zone(from_mm=250, to_mm=300)}
+    surface = surface_of(section=SurfaceSection(zones=zones))
+    surface.receive(parsed(*[row] * 5), NOW_S)
+    assert block(surface)[42] == bits
+    assert block(surface_of(section=SurfaceSection(zones=zones)))[42] == 0
+
+
 @pytest.mark.promise(
     "docs/reference/registers.md", "entries into zone 1 since the service started; wraps to 0 after 65535"
 )

@@ -23,7 +23,7 @@ was off for longer keeps its events that much longer; one whose clock is wrong l
 class RecordTime(NamedTuple):
     """The time of a record, as it is stored."""
 
-    passed_s: float = 0.0
+    passed_s: float
     """How long the record has been there, as far as that is known."""
     clock_s: float | None = None
     """The wall clock up to which that counts [s since 1970]; None if it was never trusted."""

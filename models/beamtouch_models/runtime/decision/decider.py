@@ -92,7 +92,7 @@ def _decide(before: Memory, evidence: Evidence, touch: float, *, odd: bool) -> M
         run = before.run + 1
         return _standing_on(State.UNEXPLAINED, evidence) if run >= PERSISTENCE else before._replace(run=run)
     if before.state is State.CLEAR:
-        return _touch(before._replace(run=0), evidence, touch)
+        return _touch(before, evidence, touch)
     return _lift(before._replace(run=0), evidence, touch)
 
 

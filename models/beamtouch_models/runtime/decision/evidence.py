@@ -111,7 +111,7 @@ class Evidence(NamedTuple):
     """Log odds of contact if the scatter were none: under the noise alone."""
     still_whitening_per_mm: Floats
     """(channels, channels), if the scatter were none: under the noise alone."""
-    is_settled: bool = True
+    is_settled: bool
     """Whether the noise is about that which the model was made for, or less."""
 
     @property

@@ -1,0 +1,175 @@
+"""The bounds of what a request may ask for or send: each is taken, and what is next to it refused."""
+
+import gzip
+
+import pytest
+from starlette.requests import Request
+
+from beamtouch_service.access import Access, Role
+from beamtouch_service.api.context import Streams
+from beamtouch_service.api.errors import pointer
+from beamtouch_service.api.samples import MAX_BODY_BYTES, _peer, decompress
+from beamtouch_service.api.stream import Pace
+from beamtouch_service.problems import Kind, ProblemError
+from service.bench import READ_TOKEN, TOKEN, Bench, batch_of
+
+
+@pytest.mark.parametrize(
+    ("path", "is_taken"),
+    [
+        *[("/events?limit=1", True), ("/events?limit=1000", True), ("/events?limit=0", False)],
+        *[("/events?limit=1001", False), ("/events?path=true&limit=50", True), ("/events?path=true&limit=51", False)],
+        *[(f"/events?after={'9' * 17}.{'9' * 18}", True), (f"/events?after={'9' * 18}.1", False)],
+        *[(f"/events?after=1.{'9' * 19}", False), ("/events?after=.1", False), ("/events?after=1.", False)],
+        *[("/surfaces/press-7/calibration-data?limit=1", True), ("/surfaces/press-7/calibration-data?limit=0", False)],
+        ("/surfaces/press-7/calibration-data?limit=5000", True),
+        ("/surfaces/press-7/calibration-data?limit=5001", False),
+    ],
+)
+def test_a_query_has_bounds(bench: Bench, path: str, is_taken: bool) -> None:
+    answer = bench.get(path)
+    assert (answer.status_code, "invalid-request" in answer.text) == ((200, False) if is_taken else (422, True))
+
+
+@pytest.mark.parametrize(
+    ("path", "is_taken"),
+    [
+        *[("/events/1", True), (f"/events/{2**63 - 1}", True), ("/events/0", False), (f"/events/{2**63}", False)],
+        *[("/surfaces/press-7/commissionings/1", True), ("/surfaces/press-7/commissionings/0", False)],
+        (f"/surfaces/press-7/commissionings/{2**63 - 1}", True),
+        (f"/surfaces/press-7/commissionings/{2**63}", False),
+    ],
+)
+def test_a_number_of_the_record_has_bounds(bench: Bench, path: str, is_taken: bool) -> None:
+    assert bench.get(path).status_code == (404 if is_taken else 422)
+
+
+@pytest.mark.parametrize(("interval_ms", "is_taken"), [(20, True), (5000, True), (19, False), (5001, False)])
+def test_the_time_between_two_events_of_a_stream_has_bounds(bench: Bench, interval_ms: int, is_taken: bool) -> None:
+    bench.app.context.streams.stop.set()  # a stream that is taken would not end
+    for path in ("/stream", "/surfaces/press-7/stream"):
+        kind = bench.problem(f"{path}?interval_ms={interval_ms}")
+        assert kind == ("stopping" if is_taken else "invalid-request")
+
+
+@pytest.mark.parametrize(
+    ("query", "place"),
+    [
+        *[("course=c&step=0", None), ("course=c&step=1000", None), (f"course={'c' * 64}&step=1", None)],
+        *[("course=c&step=-1", "step"), ("course=c&step=1001", "step"), (f"course={'c' * 65}&step=1", "course")],
+    ],
+)
+def test_a_step_of_a_commissioning_has_bounds(bench: Bench, query: str, place: str | None) -> None:
+    answer = bench.post(b"", f"/surfaces/press-7/commissioning/skip?{query}")
+    if place is None:
+        assert answer.json()["type"] == "urn:beamtouch:problem:no-commissioning"
+    else:
+        assert answer.json()["errors"][0]["pointer"] == f"#/query/{place}"
+
+
+@pytest.mark.parametrize(("by", "is_taken"), [("A", True), ("A" * 80, True), ("", False), ("A" * 81, False)])
+def test_a_name_of_a_person_has_bounds(bench: Bench, by: str, is_taken: bool) -> None:
+    answer = bench.post(b"", f"/surfaces/press-7/commissioning/confirm?course=c&by={by}")
+    assert answer.status_code == (404 if is_taken else 422)
+
+
+def test_a_body_may_be_as_long_as_the_limit() -> None:
+    whole = bytes(MAX_BODY_BYTES)
+    assert decompress(gzip.compress(whole), "gzip") == whole
+    with pytest.raises(ProblemError) as caught:
+        decompress(gzip.compress(whole + b" "), "gzip")
+    assert caught.value.problem.members == {"limit_bytes": 1_048_576}
+    assert caught.value.headers == {"Connection": "close"}
+
+
+def test_a_body_of_a_batch_may_be_as_long_as_the_limit(bench: Bench) -> None:
+    for more, status in ((0, 400), (1, 413)):
+        assert bench.post(b" " * (MAX_BODY_BYTES + more)).status_code == status
+
+
+def test_a_pointer_is_cut_and_escaped() -> None:
+    assert pointer(("samples", 0, "a/b~c")) == "#/samples/0/a~1b~0c"
+    assert (len(pointer(("x" * 198,))), len(pointer(("x" * 199,)))) == (200, 200)
+    assert pointer(()) == "#"
+
+
+def peer_of(forwarded: str | None, client: tuple[str, int] | None = ("10.0.0.1", 7)) -> str:
+    headers = [] if forwarded is None else [(b"x-forwarded-for", forwarded.encode())]
+    return _peer(Request({"type": "http", "headers": headers, "client": client}))
+
+
+def test_a_batch_comes_from_an_address_or_through_a_proxy_from_the_last_one_that_it_names() -> None:
+    assert (peer_of(None), peer_of(None, client=None), peer_of("")) == ("10.0.0.1:7", "unknown", "10.0.0.1:7")
+    assert peer_of("1.2.3.4, 5.6.7.8 ") == "5.6.7.8 (through 10.0.0.1:7)"
+    assert peer_of("x" * 65) == f"{'x' * 64} (through 10.0.0.1:7)"
+
+
+def test_so_many_streams_may_be_open_and_none_once_the_service_stops() -> None:
+    assert Streams().max_open == 32
+    streams = Streams(max_open=2)
+    streams.admit()
+    streams.admit()
+    assert streams.open == 2
+    with pytest.raises(ProblemError) as caught:
+        streams.admit()
+    assert (caught.value.problem.kind, caught.value.headers) == (Kind.TOO_MANY_CLIENTS, {"Retry-After": "5"})
+    assert caught.value.problem.detail.startswith("2 streams are open, which is the limit.")
+    streams.open = 1
+    streams.stop.set()
+    with pytest.raises(ProblemError) as caught:
+        streams.admit()
+    assert (caught.value.problem.kind, streams.open) == (Kind.STOPPING, 1)
+
+
+def test_a_stream_says_again_after_a_second_what_has_not_changed(bench: Bench) -> None:
+    (surface,) = bench.app.context.registry
+    pace = Pace()
+    said = [pace.next(surface, now_s) is not None for now_s in (1000.0, 1000.999, 1001.0, 1001.999, 1002.0)]
+    assert said == [True, False, True, False, True]
+
+
+STRANGER = "This is not a token of the service. Check its token files."
+NO_SCHEME = "Send the header `Authorization: Bearer TOKEN` with a token of the service."
+
+
+@pytest.mark.parametrize(
+    ("role", "given", "detail"),
+    [
+        (Role.WRITE, f"Bearer {TOKEN}", None),
+        (Role.WRITE, f"BEARER  {TOKEN} ", None),
+        (Role.READ, f"bearer {TOKEN}", None),
+        (Role.READ, f"Bearer {READ_TOKEN}", None),
+        (Role.OPEN, "", None),
+        (Role.WRITE, f"Bearer {READ_TOKEN}", "This is the read token. Use the write token (--write-token-file)."),
+        (Role.READ, f"Bearer {TOKEN[:-1]}", STRANGER),
+        (Role.READ, f"Basic {TOKEN}", NO_SCHEME),
+        (Role.WRITE, TOKEN, NO_SCHEME),
+        (Role.READ, None, NO_SCHEME),
+    ],
+)
+def test_a_token_opens_what_its_role_may_and_what_is_wrong_is_said(
+    role: Role, given: str | None, detail: str | None
+) -> None:
+    access = Access(TOKEN, READ_TOKEN)
+    authorization = None if given is None else given.encode()
+    if detail is None:
+        access.require(role, authorization)
+        return
+    with pytest.raises(ProblemError) as caught:
+        access.require(role, authorization)
+    is_forbidden = detail.startswith("This is the")
+    assert (caught.value.problem.kind, caught.value.problem.detail) == (
+        Kind.FORBIDDEN if is_forbidden else Kind.UNAUTHORIZED,
+        detail,
+    )
+    assert caught.value.headers == ({} if is_forbidden else {"WWW-Authenticate": 'Bearer realm="beamtouch"'})
+
+
+def test_a_batch_that_has_arrived_moves_the_histograms_of_its_surface(bench: Bench) -> None:
+    bench.post(batch_of(age_ms=3.0))
+    metrics = bench.metrics()
+    for bound, count in (("0.002", 0), ("0.005", 1)):
+        series = f'beamtouch_sample_arrival_age_seconds_bucket{{le="{bound}",surface="press-7"}} {count}.0'
+        assert series in metrics
+    for name in ("batch", "inference"):
+        assert f'beamtouch_{name}_seconds_count{{surface="press-7"}} 1.0' in metrics

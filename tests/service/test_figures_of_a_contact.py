@@ -1,0 +1,63 @@
+"""Which answers of a model are served as figures, and how they and times are written."""
+
+from math import inf, nan
+
+import pytest
+
+from beamtouch_common.zones import Span
+from beamtouch_service.surfaces.contact import NO_FIGURES, Figures, UnusableEstimateError, figures_of, rfc3339
+
+LENGTH_MM = 400.0
+
+
+def answer(position_mm: float, low_mm: float, high_mm: float, **more: float) -> dict[str, float]:
+    return {"position_mm": position_mm, "position_low_mm": low_mm, "position_high_mm": high_mm} | more
+
+
+def test_figures_have_four_decimals_and_spans() -> None:
+    force = {"force_n": 2.00004, "force_low_n": 1.00006, "force_high_n": 3.0, "misfit": 9.0}
+    figures = figures_of(answer(100.00005001, 99.0, 101.0, **force), LENGTH_MM)
+    assert list(figures) == [100.0001, 99.0, 101.0, 2.0, 1.0001, 3.0]
+    assert (figures.position, figures.force) == (Span(100.0001, 99.0, 101.0), Span(2.0, 1.0001, 3.0))
+    without = figures_of(answer(100.0, 99.0, 101.0), LENGTH_MM)
+    assert (without.force_n, without.force) == (None, None)
+    assert (NO_FIGURES.position, NO_FIGURES.force) == (None, None)
+    assert Figures(1.0, None, 2.0).position is Figures(1.0, 0.0, None).position is None
+
+
+@pytest.mark.parametrize(
+    ("position_mm", "low_mm", "high_mm", "is_served"),
+    [
+        (-1.0, -2.0, 0.0, True),
+        (-1.0, -2.0, -0.1, False),
+        (401.0, 400.0, 402.0, True),
+        (401.0, 400.1, 402.0, False),
+    ],
+)
+def test_an_interval_must_meet_the_beam(position_mm: float, low_mm: float, high_mm: float, is_served: bool) -> None:
+    stated = answer(position_mm, low_mm, high_mm)
+    if is_served:
+        assert figures_of(stated, LENGTH_MM).position_mm == position_mm
+    else:
+        with pytest.raises(UnusableEstimateError, match=f"^position_mm is {position_mm:g}, off a beam of 400 mm$"):
+            figures_of(stated, LENGTH_MM)
+
+
+@pytest.mark.parametrize(("position_mm", "is_served"), [(0.0, True), (-0.1, False), (400.0, True), (400.1, False)])
+def test_a_place_without_an_interval_must_lie_on_the_beam(position_mm: float, is_served: bool) -> None:
+    if is_served:
+        assert figures_of({"position_mm": position_mm}, LENGTH_MM).position_mm == position_mm
+    else:
+        with pytest.raises(UnusableEstimateError, match="off a beam of 400 mm"):
+            figures_of({"position_mm": position_mm}, LENGTH_MM)
+
+
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+def test_what_is_no_number_is_named(value: float) -> None:
+    with pytest.raises(UnusableEstimateError, match=r"^force_low_n is not a finite number$"):
+        figures_of(answer(1.0, 0.0, 2.0, force_n=1.0, force_low_n=value), LENGTH_MM)
+
+
+def test_a_time_has_milliseconds_and_is_cut_rather_than_rounded() -> None:
+    assert rfc3339(1_795_218_046_123_999) == "2026-11-20T23:40:46.123Z"
+    assert [rfc3339(us) for us in (0, -1)] == ["1970-01-01T00:00:00.000Z", "1969-12-31T23:59:59.999Z"]

@@ -1,0 +1,70 @@
+"""Which databases a record can be opened in, and what is said of the others: the reason, and at first the remedy."""
+
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from beamtouch_service.events.database import EventsAwayError, EventStoreError
+from beamtouch_service.events.store import Store
+from beamtouch_service.sections import EventsSection
+from service.record_file import execute
+
+REMEDY = "set events.file to one that the service can write"
+
+
+def opened(path: Path) -> Store:
+    return Store(EventsSection(file=path))
+
+
+def test_a_record_in_a_file_lasts_and_one_in_memory_does_not(tmp_path: Path) -> None:
+    for store, is_lasting in ((opened(tmp_path / "events.db"), True), (Store(EventsSection()), False)):
+        with closing(store):
+            assert (store.is_lasting, store.away_because) == (is_lasting, "")
+
+
+def test_a_file_that_cannot_be_opened_now_is_away_with_the_remedy_and_opened_once_it_can_be(tmp_path: Path) -> None:
+    path = tmp_path / "later" / "events.db"
+    with closing(opened(path)) as store:
+        assert store.away_because == f"events file {path}: unable to open database file; {REMEDY}"
+        with pytest.raises(EventsAwayError):
+            store.healths()
+        path.parent.mkdir()
+        assert store.healths() == {}
+
+
+def test_a_file_that_is_no_record_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    no_database, other = tmp_path / "text.db", tmp_path / "other.db"
+    no_database.write_bytes(b"no database" * 4096)
+    execute(other, "CREATE TABLE people (name TEXT)")
+    for path, reason in (
+        (no_database, "file is not a database"),
+        (other, "it is the database of another program"),
+    ):
+        with pytest.raises(EventStoreError) as caught:
+            opened(path)
+        assert str(caught.value) == f"events file {path}: {reason}; {REMEDY}"
+
+
+@pytest.mark.parametrize("number", [1, 1000])
+def test_a_record_of_another_version_is_refused_with_its_format(tmp_path: Path, number: int) -> None:
+    path = tmp_path / "events.db"
+    opened(path).close()
+    opened(path).close()
+    execute(path, f"UPDATE beamtouch_format SET format = {number}")  # noqa: S608 - a number
+    with pytest.raises(EventStoreError) as caught:
+        opened(path)
+    reason = f"another version of the service wrote it (format {number}); move it away"
+    assert str(caught.value) == f"events file {path}: {reason}; {REMEDY}"
+
+
+def test_of_a_record_that_was_open_the_reason_is_said_without_a_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "events.db"
+    with closing(opened(path)) as store:
+        execute(path, "DROP TABLE health")
+        with pytest.raises(EventsAwayError, match=r"^no such table: health$") as caught:
+            store.healths()
+        assert not isinstance(caught.value, EventStoreError)
+        # It is prepared anew, and is no whole record.
+        with pytest.raises(EventsAwayError, match=r"no such table: health"):
+            store.healths()
