@@ -30,20 +30,26 @@ def log_density(
     Parameters
     ----------
     forces : the prior of the force
-    whitening, sample : (draws, channels, channels) in 1/mm, and whitened samples (draws, channels)
+    whitening : (draws, channels, channels) in 1/mm, or (draws, channels) its diagonal, where errors are independent
+    sample : (draws, channels), whitened
     influence : (draws or 1, grid, channels) in mm/N at the places of a grid
     variance : of the influence by the mounting of the sensors, in the same shape; None: their places are exact
     negligible : difference to the largest log density beyond which it need not be exact
     """
-    shapes, samples = np.matmul(whitening, influence.transpose(0, 2, 1)), sample[:, :, None]
+    shapes, samples = _weighed(whitening, influence), sample[:, :, None]
     if variance is None:
         return _fitted(forces, shapes, samples, 0.0, negligible)
     # The likeliest force at a place says how much the mounting adds to each channel's variance there. Of W D W',
     # with the mounting's variances D, only the diagonal is taken: exact where the errors of channels are independent.
     force = _likeliest(forces, shapes, samples)
-    moved = np.matmul(whitening**2, variance.transpose(0, 2, 1))
-    wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
+    wider = np.sqrt(1 + force[:, None, :] ** 2 * _weighed(whitening**2, variance))
     return _fitted(forces, shapes / wider, samples / wider, np.log(wider).sum(axis=1), negligible)
+
+
+def _weighed(weights: Floats, values: Floats) -> Floats:
+    """Return values (draws or 1, grid, channels), weighed by a matrix or a number for each channel, channels first."""
+    along: Floats = values.transpose(0, 2, 1)
+    return weights[:, :, None] * along if weights.ndim == 2 else np.matmul(weights, along)
 
 
 def _likeliest(forces: Forces, shapes: Floats, sample: Floats) -> Floats:

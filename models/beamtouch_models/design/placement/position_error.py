@@ -214,9 +214,9 @@ class PositionError:
         """Return the mean distances from the posterior medians of a part of the contacts."""
         sample = self.clean_mm[part, sensors] + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
         root = 1 / self.sampling.errors.deviation_mm(sample)
-        whitening, shapes = root[:, :, None] * np.eye(len(sensors)), self.shapes[None, :, sensors]
+        shapes = self.shapes[None, :, sensors]
         variance = None if self.variance is None else self.variance[None, :, sensors]
-        density = log_density(forces_of(self.force_n, 0.0), whitening, root * sample, shapes, variance, NEGLIGIBLE)
+        density = log_density(forces_of(self.force_n, 0.0), root, root * sample, shapes, variance, NEGLIGIBLE)
         return mean_distances(self.edges_mm, density)
 
 
