@@ -16,7 +16,7 @@ def test_no_entry_of_the_table_explains_deflections_better_than_the_best_contact
     scene, _ = load_scene(SCENES / f"{name}.toml")
     beam = influence_of(scene)
     sensor_mm = np.array([0.12, 0.26, 0.36, 0.7, 0.87]) * scene.beam.length_mm
-    places_mm = np.linspace(beam.load_mm[0, 0], beam.load_mm[-1, 0], 301)
+    places_mm = np.linspace(beam.load_mm[0], beam.load_mm[-1], 301)
     influence = beam.at(on_axis(sensor_mm), on_axis(places_mm))
     rng = np.random.default_rng(4)
     contacts = influence[rng.integers(0, len(places_mm), 20)]

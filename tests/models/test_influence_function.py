@@ -49,7 +49,7 @@ def measured_string() -> InfluenceFunction:
 
 def test_sensors_of_a_measured_string_stand_where_enumeration_puts_them() -> None:
     string, count = measured_string(), 3
-    exact = sag_mm(RULES.place_mm[:, 0], string.load_mm[:, 0])
+    exact = sag_mm(RULES.place_mm[:, 0], string.load_mm)
     scores: dict[tuple[float, ...], float] = {}
     for chosen in combinations(range(len(RULES.place_mm)), count):
         positions = RULES.place_mm[list(chosen), 0]

@@ -215,3 +215,20 @@ def test_sensors_of_a_plate_are_placed_by_position_error() -> None:
     equal = rules.place_mm[equal_layout(rules, SIZE_MM, 4)]
     least, most = (accuracy_limit(Prior.of(influence, layout, sampling.errors), 128, 1) for layout in (found, equal))
     assert least.value < 0.6 * most.value
+
+
+def test_fewer_sensors_than_a_place_has_axes_explain_a_contact_somewhere() -> None:
+    table = Curve(tuple(TICKS_MM), bent_mm(np.array([[120.0, 90.0]]), grid_of(TICKS_MM)))
+    clean_mm = np.array([[0.1], [0.02]])
+    for known_n in (None, 10.0):
+        place_mm, force_n = table.best_contacts(clean_mm, np.full((2, 1), 1e6), known_n)
+        assert np.isfinite(place_mm).all()
+        assert np.isfinite(force_n).all()
+    layout = place_by_position_error(
+        influence_of(bent_mm),
+        LayoutRules(grid_of([tick[::8] for tick in TICKS_MM]), FREE, 20.0),
+        2,
+        0,
+        Sampling(Errors(0.01)),
+    )
+    assert len(layout.place_mm) == 2

@@ -158,8 +158,11 @@ def _step(weight: Floats, moved: Floats, across: Floats, left: Floats) -> Floats
     weighed = weight[:, :, None] * across
     precision = np.einsum("nca,ncb->nab", weighed, across)
     own = np.einsum("nc,nca,nca->na", weight, moved, moved)
+    # As many axes as channels tell, or fewer: along the others, the step is none.
     axes = np.arange(moved.shape[2])
-    precision[:, axes, axes] = np.maximum(precision[:, axes, axes], SINGULAR * own + _TINY)
+    alone = np.maximum(precision[:, axes, axes], SINGULAR * own + _TINY)
+    precision *= 1 - SINGULAR
+    precision[:, axes, axes] = alone
     return np.linalg.solve(precision, np.einsum("nca,nc->na", weighed, left)[..., None])[..., 0]
 
 

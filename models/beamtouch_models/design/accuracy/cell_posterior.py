@@ -1,7 +1,8 @@
 """The posterior of a place over cells of any number of axes: its median along each axis, and the mean distance from it.
 
 A box of cells is laid around what is likely, again and again, until it no longer shrinks by half. So its cells are
-small beside the posterior wherever that is in one piece. Beams have an integration of their own, which is exact to 2e-4
+small beside the posterior wherever that is compact; a thin curve across a plate, as one or two sensors leave it, they
+do not resolve. Beams have an integration of their own, which is exact to 2e-4
 (`posterior`).
 """
 

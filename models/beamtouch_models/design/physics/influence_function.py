@@ -43,7 +43,7 @@ class InfluenceFunction:
     length_mm: float | tuple[float, ...]
     """Of a beam, or of a structure along each axis; sensors and contacts stand at 0 to `length_mm`."""
     load_mm: Floats
-    """(loads, axes) places of an even grid, ascending; contacts lie within it."""
+    """(loads, axes) places of an even grid, ascending, or (loads,) positions; contacts lie within it."""
     force_n: tuple[float, float]
     """Range of forces, positive; equal ends if the force is known."""
     at: Callable[[Floats, Floats], Floats]
@@ -58,19 +58,18 @@ class InfluenceFunction:
         object.__setattr__(self, "load_mm", load)
         self._require("length_mm", bool(np.all((self.size_mm > 0) & (self.size_mm < math.inf))), "a positive number")
         is_beam, axes = np.ndim(self.length_mm) == 0, len(self.size_mm)
-        self._require("load_mm", load.ndim in (1, 2) and len(load) > 1, "a list of two positions or more")
-        load = load.reshape(len(load), -1)
-        self._require("load_mm", load.shape[1] == axes, f"a list of places with {axes} numbers each, as length_mm has")
+        self._require("load_mm", load.ndim in (1, 2) and load.size > axes, "a list of two positions or more")
+        self._require("load_mm", load.size == axes * len(load), f"a list of places with {axes} numbers each")
         self._require("load_mm", bool(np.isfinite(load).all()), "finite")
-        self._require("load_mm", bool(load.min() >= 0 and np.all(load <= self.size_mm)), "at 0 to length_mm")
-        self._require("load_mm", _is_even(load, self.diagonal_mm), "ascending and evenly spaced")
-        object.__setattr__(self, "load_mm", load)
+        places = self.place_mm
+        self._require("load_mm", bool(places.min() >= 0 and np.all(places <= self.size_mm)), "at 0 to length_mm")
+        self._require("load_mm", _is_even(places, self.diagonal_mm), "ascending and evenly spaced")
         low, high = self.force_n
         self._require("force_n", 0 < low <= high < math.inf, "positive, the first no larger than the second")
         self._require("unit_mm_per_n", 0 < self.unit_mm_per_n < math.inf, "a positive number")
-        object.__setattr__(self, "at", partial(_checked, self.at, is_beam))
+        object.__setattr__(self, "at", partial(_checked, self.at, axes, is_beam))
         # A few values, in no order, so that a function with swapped arguments is refused at once.
-        self.at(np.array([0.7, 0.2, 0.5])[:, None] * self.size_mm, load[[-1, 0]])
+        self.at(np.array([0.7, 0.2, 0.5])[:, None] * self.size_mm, places[[-1, 0]])
 
     def _require(self, name: str, is_kept: bool, wanted: str) -> None:
         if not is_kept:
@@ -87,14 +86,24 @@ class InfluenceFunction:
         return math.hypot(*self.size_mm)
 
     @property
+    def place_mm(self) -> Floats:
+        """The places of the loads, (loads, axes)."""
+        return self.load_mm.reshape(len(self.load_mm), -1)
+
+    @property
     def extent(self) -> Extent:
         """Where contacts lie."""
-        ends = zip(self.load_mm.min(axis=0).tolist(), self.load_mm.max(axis=0).tolist(), strict=True)
+        ends = zip(self.place_mm.min(axis=0).tolist(), self.place_mm.max(axis=0).tolist(), strict=True)
         return Extent(tuple(ends))
+
+    @property
+    def position_mm(self) -> tuple[float, float]:
+        """Range of contacts on a beam; ValueError if there are more axes than one."""
+        return self.extent.range_mm
 
     def matrix(self, sensor_mm: Floats) -> Floats:
         """Return the influence matrix of sensors (sensors, axes) under all loads, (loads, sensors) in mm/N."""
-        return self.at(sensor_mm, self.load_mm)
+        return self.at(sensor_mm, self.place_mm)
 
     def deviation(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
         """Return the change of the influence by a tolerance of the sensors' places, (loads, sensors, axes) in mm/N.
@@ -102,7 +111,7 @@ class InfluenceFunction:
         These are standard deviations, positive where the influence grows with the coordinate of the sensor: of several
         loads at once they add up, as a sensor is at one place only. Errors as `at`.
         """
-        sensor_mm = np.reshape(sensor_mm, (len(sensor_mm), -1))
+        sensor_mm = np.reshape(sensor_mm, (-1, len(self.size_mm)))
         deviation = np.empty((len(load_mm), *sensor_mm.shape))
         for axis, step in enumerate(tolerance_mm * np.eye(sensor_mm.shape[1])):
             left, right = (np.clip(sensor_mm + side * step, 0.0, self.size_mm) for side in (-1, 1))
@@ -128,9 +137,11 @@ def _is_even(load: Floats, diagonal_mm: float) -> bool:
     return len(steps) == len(ticks) and all(np.ptp(step) <= EVEN * float(step.mean()) + rounding for step in steps)
 
 
-def _checked(at: Callable[[Floats, Floats], Floats], is_beam: bool, sensor_mm: Floats, load_mm: Floats) -> Floats:
+def _checked(
+    at: Callable[[Floats, Floats], Floats], axes: int, is_beam: bool, sensor_mm: Floats, load_mm: Floats
+) -> Floats:
     """Return what the user's function returns; ValueError unless these are finite numbers of the right shape."""
-    sensor_mm, load_mm = (np.reshape(places, (len(places), -1)) for places in (sensor_mm, load_mm))
+    sensor_mm, load_mm = (np.reshape(places, (-1, axes)) for places in (sensor_mm, load_mm))
     sensors, loads = (sensor_mm[:, 0], load_mm[:, 0]) if is_beam else (sensor_mm, load_mm)
     matrix, wanted = array_of(at(sensors, loads), "at of an influence function"), (len(load_mm), len(sensor_mm))
     must = "at of an influence function must return finite values of shape (loads, sensors)"
@@ -154,7 +165,7 @@ def check_own(
         raise SceneError(f"influence: it has {influence.extent.axes} axes, but a beam has one")
     for name, own, scene in (
         ("length_mm", (influence.diagonal_mm,), (length_mm,)),
-        ("load_mm", influence.extent.range_mm, position_mm),
+        ("load_mm", influence.position_mm, position_mm),
         ("force_n", influence.force_n, force_n),
     ):
         if not np.allclose(own, scene, rtol=EVEN, atol=0.0 if name == "force_n" else EVEN * length_mm):

@@ -74,7 +74,7 @@ DEFAULT_AIM = Aim(CRITERIA[0])
 """Its error is smaller, and it notices loads that are not one contact as often (decision 024)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placement:
     """A layout, and the search that found it."""
 

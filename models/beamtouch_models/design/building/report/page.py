@@ -212,7 +212,7 @@ def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]
     curve = Series("", seen.position_mm, forces)
     chart = Chart(says, x_label, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark))
-    load_mm = positions_of(facts.built.layout.surface.influence.load_mm)
+    load_mm = positions_of(facts.built.layout.surface.influence.place_mm)
     scaled = components_mm / facts.model.metadata.noise.sample_mm
     says = "Components over the position of the contact, in units of the noise of a sample"
     curves = [
