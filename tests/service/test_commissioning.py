@@ -43,7 +43,7 @@ class Course:
         self.sequence += len(each)
 
     def press(self, at_mm: float, force_n: float = 8.0) -> None:
-        moved = force_n * self.curve.at(np.array([at_mm]))[0][0]
+        moved = force_n * self.curve.at(np.array([[at_mm]]))[0][0]
         row: Row = moved[list(self.order)].tolist()
         if self.is_late:
             self.send(row, RESTING)

@@ -57,7 +57,7 @@ class Course:
 
     def _send(self, at_mm: float, force_n: float) -> None:
         """Send a second of samples under a load."""
-        row = (force_n * self._curve.at(np.array([at_mm]))[0][0]).tolist()
+        row = (force_n * self._curve.at(np.array([[at_mm]]))[0][0]).tolist()
         begin_us = START_US + STEP_US * self._sent
         self.bench.send(*[row] * SECOND, sequence=self._sent + 1, begin_us=begin_us, every_us=STEP_US)
         self._sent += SECOND

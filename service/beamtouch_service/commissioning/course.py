@@ -176,7 +176,8 @@ class Course:
         self._advance()
 
     def _influence(self, places_mm: Floats) -> Floats:
-        influence, _ = self._curve.at(np.clip(places_mm, *self.model.metadata.ranges.position_mm))
+        positions_mm = np.clip(places_mm, *self.model.metadata.ranges.position_mm)
+        influence, _ = self._curve.at(positions_mm[:, None])
         return influence
 
     def _take_place(self, seen: Stated) -> None:
