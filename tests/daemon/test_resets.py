@@ -4,6 +4,7 @@ import asyncio
 import itertools
 import json
 import os
+import re
 from asyncio.subprocess import PIPE
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -100,8 +101,10 @@ async def test_scan_finds_the_device_with_one_opening(device: str) -> None:
 @pytest.mark.parametrize("device", ["unit, deaf for 1.5 s", "board, boots for 2.9 s"])
 async def test_tare_and_record_wait_for_it_too(device: str, tmp_path: Path) -> None:
     make, source = DEVICES[device]
+    # Less than the unit is deaf for, and time for the answers of a starved machine.
+    patient = "\ntimeout_ms = 1_000" if "unit" in device else ""
     async with make() as line:
-        config = configs.write(tmp_path, configs.surface(source=source(line.path)))
+        config = configs.write(tmp_path, configs.surface(source=source(line.path) + patient))
         await assert_done(line, "tare", config)
         options = ("--at", "100", "5", "--accept", "--seconds", "0.2")
         async with started("record", config, "-o", tmp_path / "loads.csv", *options) as recording:
@@ -206,7 +209,8 @@ async def test_the_firmware_is_read_though_each_opening_resets_it_and_again_afte
             await service.until(len(service.samples()) + 50)
             outcome = await daemon.stop()
     assert chip.opened == 1
-    assert "the device was reset; trying again" in outcome.err
+    # A starved machine may read the clock of the next boot before its number.
+    assert re.search("the device was reset; trying again|the device's clock went back; trying again", outcome.err)
 
 
 @pytest.mark.parametrize("kind", ["unit", "board"])
@@ -255,6 +259,8 @@ async def test_an_adapter_that_hangs_is_opened_again(tmp_path: Path) -> None:
             async with started("run", config, code=hangs) as daemon:
                 await service.until(50)
                 line.hang()
+                while line.opened < 2:  # what was on its way before the line hung may come after it
+                    await service.until(len(service.samples()) + 1)
                 await service.until(len(service.samples()) + 50)
                 assert (await daemon.stop()).code == 0
     assert (line.opened, device.boots) == (2, 2)
