@@ -5,8 +5,8 @@ from contextlib import closing
 from pathlib import Path
 
 
-def execute(path: Path, statement: str) -> None:
-    """Execute an SQL statement, and commit."""
+def execute(path: Path, statement: str, *values: float | str) -> None:
+    """Execute an SQL statement with its values, and commit."""
     with closing(sqlite3.connect(path)) as connection:
-        connection.execute(statement)
+        connection.execute(statement, values)
         connection.commit()

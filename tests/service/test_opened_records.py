@@ -51,7 +51,7 @@ def test_a_record_of_another_version_is_refused_with_its_format(tmp_path: Path, 
     path = tmp_path / "events.db"
     opened(path).close()
     opened(path).close()
-    execute(path, f"UPDATE beamtouch_format SET format = {number}")  # noqa: S608 - a number
+    execute(path, "UPDATE beamtouch_format SET format = ?", number)
     with pytest.raises(EventStoreError) as caught:
         opened(path)
     reason = f"another version of the service wrote it (format {number}); move it away"

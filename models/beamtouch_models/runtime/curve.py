@@ -158,7 +158,7 @@ def _step(weight: Floats, moved: Floats, across: Floats, left: Floats) -> Floats
     weighed = weight[:, :, None] * across
     precision = np.einsum("nca,ncb->nab", weighed, across)
     own = np.einsum("nc,nca,nca->na", weight, moved, moved)
-    # As many axes as channels tell, or fewer: along the others, the step is none.
+    # With fewer channels than axes this would be singular; less beside the diagonal keeps the step finite.
     axes = np.arange(moved.shape[2])
     alone = np.maximum(precision[:, axes, axes], SINGULAR * own + _TINY)
     precision *= 1 - SINGULAR

@@ -34,7 +34,7 @@ def cramer_rao_deviation_mm(prior: Prior, place_mm: Floats, force_n: Floats) -> 
         along = np.einsum("nca,nc->na", change, shape)
         along = np.divide(along, size, out=np.zeros_like(along), where=size > 0)
         change = change - shape[..., None] * along[:, None]
-    # What is left of an axis across all others is what its own direction says: the Schur complement of J'J.
+    # The information on one axis is the part of its change that the others do not explain (Schur complement of J'J).
     bound = np.empty(place_mm.shape)
     for axis in range(prior.extent.axes):
         own, others = change[..., axis], np.delete(change, axis, axis=2)
