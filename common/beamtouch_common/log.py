@@ -1,11 +1,13 @@
-"""The log: a line per event, as text or as JSON, and a limit on the lines about what repeats."""
+"""The log: a line per event, as text or as JSON, its levels, and a limit on the lines about what repeats."""
 
+import argparse
 import json
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from time import monotonic
+from typing import NamedTuple
 
 REPEAT_S = 60.0
 """Shortest time between two lines with the same reason."""
@@ -129,9 +131,42 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(event)
 
 
-def set_up(*, as_json: bool = False) -> None:
-    """Send the log of this process to standard error, from level INFO on."""
+LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
+"""Names of levels, from the most lines to the fewest."""
+
+
+class Level(NamedTuple):
+    """From which level on a part of a program writes lines."""
+
+    part: str
+    """The name of its logger: a package, or one of its folders."""
+    level: int
+
+
+def add_level_option(command: argparse.ArgumentParser, package: str, parts: Iterable[str]) -> None:
+    """Add the option `--log-level` for a package and these folders of it, whose loggers have the names of modules."""
+    names = sorted(parts)
+
+    def level(text: str) -> Level:
+        part, equals, name = text.rpartition("=")
+        if name not in LEVELS:
+            raise argparse.ArgumentTypeError(f"{text!r} must end with one of {', '.join(LEVELS)}")
+        if equals and part not in names:
+            raise argparse.ArgumentTypeError(f"{text!r} must begin with one of {', '.join(names)}")
+        return Level(f"{package}.{part}" if part else package, LEVELS[name])
+
+    words = (
+        f"write log lines from this level on: {', '.join(LEVELS)} (default: info). PART=LEVEL sets the level of one "
+        f"part: {', '.join(names)}; repeat the option for others"
+    )
+    command.add_argument("--log-level", metavar="LEVEL", type=level, action="append", default=[], help=words)
+
+
+def set_up(*, as_json: bool = False, levels: Iterable[Level] = ()) -> None:
+    """Send the log of this process to standard error, from level INFO on; of some parts from other levels on."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonFormatter() if as_json else TextFormatter())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; its callers report them
+    for part, level in levels:
+        logging.getLogger(part).setLevel(level)

@@ -16,6 +16,8 @@ from beamtouch_daemon.config.value_types import ByteOrder, ValueType
 
 PROGRAM = "beamtouch-daemon"
 MAX_WAIT_S = 86_400.0
+LOGGED = ("delivery", "running", "sources")
+"""Parts that write log lines: folders."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -23,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         arguments = _parser().parse_args(argv)
-        log.set_up(as_json=arguments.log_format == "json")
+        log.set_up(as_json=arguments.log_format == "json", levels=arguments.log_level)
         code: int = importlib.import_module(f"beamtouch_daemon.commands.{arguments.command}").run(arguments)
         return code
 
@@ -32,13 +34,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, description="Read the sensors and publish samples.")
-    parser.set_defaults(log_format="text")
+    parser.set_defaults(log_format="text", log_level=[])
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def add(name: str, text: str, *, reads_config: bool = True) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         if reads_config:
             command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file (TOML)")
+        log.add_level_option(command, "beamtouch_daemon", LOGGED)
         return command
 
     _add_run(add("run", "read all surfaces and publish their samples until stopped"))

@@ -18,7 +18,7 @@ _UNREAD_MS = 10_000
 _QUEUE = 1024
 """New connections that the system keeps until they are accepted. Beyond this it does not answer."""
 
-_log = logging.getLogger("beamtouch.service")
+_log = logging.getLogger(__name__)
 
 
 class Address:

@@ -5,9 +5,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from beamtouch_common import log
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
 
 PROGRAM = "beamtouch-service"
+LOGGED = ("api", "events", "host", "outputs", "surfaces")
+"""Parts that write log lines: folders."""
 
 
 def _parser(given: Sequence[str]) -> Parser:
@@ -56,6 +59,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--key-file", metavar="FILE", help="PEM private key of the certificate")
     words = "limit on the age of a sample that a contact may come from, in ms (default: 500)"
     run.add_argument("--stale-ms", type=float, metavar="N", help=words)
+    log.add_level_option(run, "beamtouch_service", LOGGED)
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -88,13 +92,13 @@ def _registers(arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from beamtouch_service.config import load_settings
 
-    options = {name: value for name, value in vars(arguments).items() if name not in {"command", "config"}}
+    options = {name: value for name, value in vars(arguments).items() if name not in {"command", "config", "log_level"}}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
     # Imported late: without the extra, a wrong config or the missing extra is still reported in one line.
     from beamtouch_service.host import setup
 
     try:
-        setup.run(settings)
+        setup.run(settings, arguments.log_level)
     except KeyboardInterrupt:  # the service ended in order; there is nothing to say
         return INTERRUPTED
     return DONE

@@ -1,6 +1,7 @@
 """The daemon's client: what keeps an answer away is said in words; over TLS with real certificates."""
 
 import asyncio
+import re
 import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -203,3 +204,15 @@ async def test_what_is_no_answer_has_advice_only_if_something_is_to_be_changed()
     async with answering(b"") as address:
         closed = await unreachable(f"http://{address}/")
     assert (str(closed), closed.advice) == ("connection closed", "")
+
+
+async def test_the_debug_log_shows_each_request_and_its_answer(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("DEBUG", "beamtouch_daemon.delivery")
+    async with answering(b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 2\r\n\r\n{}") as address:
+        await post(f"http://{address}")
+    await unreachable(f"http://{address}")
+    url = f"POST http://{address}/surfaces/bench/samples"
+    asked, answered, again, lost = caplog.messages[:4]
+    assert asked == again == f"{url} with 2 bytes"
+    assert re.fullmatch(rf"{re.escape(url)}: status 503 after \d+\.\d ms \(status 503\)", answered)
+    assert re.fullmatch(rf"{re.escape(url)}: no answer after \d+ ms: Connection refused", lost)

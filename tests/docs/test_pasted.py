@@ -62,6 +62,12 @@ NEED_A_DEVICE = {
     "its zeros have drifted by up to": "tests/daemon/test_warm_hall.py",
     "all zeros have moved together": "tests/service/test_alarms.py",
     "times what is stated": "tests/daemon/test_warm_hall.py",
+    "no intact frame has come since the port was opened": "tests/daemon/test_debug_log.py",
+    "not a byte came; the last intact frame came": "tests/daemon/test_debug_log.py",
+    "the request itself, which an adapter echoes": "tests/daemon/test_debug_log.py",
+    "the beginning of an answer of unit 1, which breaks off": "tests/daemon/test_debug_log.py",
+    "the beginning of an answer of unit 1, with a wrong checksum": "tests/daemon/test_debug_log.py",
+    "an intact answer of unit 1, to an earlier request": "tests/daemon/test_debug_log.py",
 }
 """Words of quoted sentences that the rig does not cause: of devices that fail, or of hours. Others hold them."""
 ON_A_SLOW_MACHINE = {"the line to the service is thin": "tests/daemon/test_thin_line.py"}
@@ -79,7 +85,7 @@ CONSOLE = {
     "docs/how-to/mqtt.md": 3,  # a broker
     "docs/how-to/opcua.md": 1,  # the name of a host
     "docs/how-to/sweeps.md": 1,  # a cluster
-    "docs/how-to/troubleshooting.md": 1,  # systemd
+    "docs/how-to/troubleshooting.md": 2,  # systemd, a serial line
     "docs/how-to/two-hosts.md": 5,  # systemd and root
     "docs/how-to/upgrade.md": 1,  # systemd and root
     "docs/reference/rig.md": 2,  # they run until a person stops them

@@ -54,7 +54,7 @@ def deliver(story: Story, first: int, last: int) -> None:
 def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
     soon: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("WARNING", "beamtouch.service")
+    caplog.set_level("WARNING", "beamtouch_service")
     resting: Row = [0.0] * 4
     story = Story(soon, [resting, *[WEDGED] * 300, *[resting] * 4, *[WEDGED] * 200])
     deliver(story, 0, 90)
@@ -117,7 +117,7 @@ MOVED: Row = [0.03, 0.031, 0.029, 0.03]
 def test_zeros_that_moved_together_are_warmth_at_every_door(
     bench_model: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("WARNING", "beamtouch.service")
+    caplog.set_level("WARNING", "beamtouch_service")
     soon = Bench(surface_with(runtime.load(bench_model), section=SurfaceSection(unexplained_after_s=0.5)))
     story = Story(soon, [*[[0.0] * 4] * 5, *[MOVED] * 300, *[[0.0] * 4] * 5])
     for first in range(0, 300, 30):
@@ -203,7 +203,7 @@ class Cable:
 def test_a_loose_cable_is_out_if_it_is_off_for_more_than_half_of_the_time(
     soon: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     cable = Cable(soon)
     cable.send((0.4, BAD), (0.6, GOOD), times=10)
     assert not cable.is_out
@@ -260,7 +260,7 @@ class Wired:
 def test_a_wrong_wiring_is_named_after_some_contacts_and_is_over_once_it_is_right(
     bench_model: Path, change: Change, wiring: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     line = Wired(bench_model)
     assert line.touch(change, count=2) is None
     assert line.touch(change) == wiring

@@ -122,7 +122,7 @@ def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) ->
 def test_two_daemons_that_send_in_turn_are_told_until_one_stops(
     bench: Bench, caplog: pytest.LogCaptureFixture, age_s: float
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     for number in range(1, 21):
         bench.now_s += STEP_S
         moves(bench, "daemon-one", number)

@@ -23,7 +23,7 @@ def deliver(story: Story, first: int, last: int) -> None:
 
 
 def test_a_second_stretch_does_not_accuse_the_channel_of_the_first(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("WARNING", "beamtouch.service")
+    caplog.set_level("WARNING", "beamtouch_service")
     bench = Bench(surface_of(section=SurfaceSection(unexplained_after_s=0.5), channels=4))
     story = Story(bench, [REST, *[WEDGED] * 200, *[REST] * 29, *[TANGLED] * 200])
     deliver(story, 0, 201)

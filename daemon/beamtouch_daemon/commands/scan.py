@@ -23,7 +23,8 @@ from beamtouch_daemon.sources.modbus_tcp import DEVICE_ITSELF, TcpLink
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import Answer, Block
 from beamtouch_daemon.sources.requests import insist
-from beamtouch_daemon.sources.rtu_line import RtuLine, silence_of
+from beamtouch_daemon.sources.rtu_frames import silence_of
+from beamtouch_daemon.sources.rtu_line import RtuLine
 from beamtouch_daemon.sources.serial_port import LineSettings, Opener, Parity, SerialPort
 
 BAUDS = (9600, 19_200, 115_200, 38_400, 57_600)

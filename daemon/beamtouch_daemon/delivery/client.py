@@ -1,5 +1,6 @@
 """HTTP client of the service: a verdict on each batch, and words for everything that keeps an answer away."""
 
+import logging
 import os
 import socket
 import ssl
@@ -9,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from time import monotonic
 from typing import Any, Self, TypeVar
 
 import aiohttp
@@ -28,6 +30,7 @@ INVALID_REQUEST = PROBLEM + "invalid-request"
 NOT_FOUND = PROBLEM + "not-found"
 NEVER_ACCEPTED = {TOO_LARGE, PROBLEM + "malformed-json", INVALID_REQUEST}
 """Types of problems with a batch. Only the service sends them, never a proxy in front of it."""
+_log = logging.getLogger(__name__)
 _T = TypeVar("_T", bound=BaseModel)
 
 
@@ -159,7 +162,8 @@ class ServiceClient:
         headers: Mapping[str, str] | None = None,
         timeout_s: float = TIMEOUT_S,
     ) -> Answer:
-        url = f"{self.url.rstrip('/')}{path}"
+        url, begun_s = f"{self.url.rstrip('/')}{path}", monotonic()
+        _log.debug("%s %s with %d bytes", method, url, len(content or b""))
         try:
             async with self._session.request(
                 method,
@@ -169,9 +173,16 @@ class ServiceClient:
                 allow_redirects=False,
                 timeout=aiohttp.ClientTimeout(total=timeout_s),
             ) as response:
-                return Answer(response.status, await response.read())
+                answer = Answer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
-            raise _unreachable(error) from error
+            why = _unreachable(error)
+            _log.debug("%s %s: no answer after %.0f ms: %s", method, url, (monotonic() - begun_s) * 1e3, why)
+            raise why from error
+        if _log.isEnabledFor(logging.DEBUG):
+            words = f" ({answer.explanation})" if not answer.is_success else ""
+            took_ms = (monotonic() - begun_s) * 1e3
+            _log.debug("%s %s: status %d after %.1f ms%s", method, url, answer.status, took_ms, words)
+        return answer
 
 
 def _socket(address: tuple[Any, ...]) -> socket.socket:

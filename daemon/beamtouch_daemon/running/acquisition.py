@@ -4,6 +4,7 @@ import asyncio
 import logging
 import math
 import time
+from collections.abc import Sequence
 from contextlib import aclosing
 
 from beamtouch_common.digits import digits
@@ -12,7 +13,7 @@ from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.delivery.boots import Boot
-from beamtouch_daemon.processing.pipeline import Pipeline
+from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.processing.rate import RateMeter
 from beamtouch_daemon.running.kept_zeros import Kept, kept_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
@@ -83,6 +84,8 @@ class Acquisition:
         self._pause_s = 0.0 if surface.source.is_polled else min(batch_s, MAX_PAUSE_S)
         self._sampled_s = -math.inf
         """Time of the newest reading that became a sample, by the clock of `uptime_s`."""
+        self._rests = False
+        """Whether nothing happens, as the debug log says."""
         self._is_far = self._is_hurried = False
         """Whether zeros are far from the last tare, as it was logged."""
         self._unprocessed: list[Reading] = []
@@ -137,11 +140,28 @@ class Acquisition:
             return
         notes = () if self.meter.fits else (Note.RATE,)
         if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
+            if _log.isEnabledFor(logging.DEBUG):
+                self._tell_changes(samples)
             self.quality = samples[-1].sample.quality
             self._sampled_s = samples[-1].monotonic_s
             self.boot.put(samples)
         self._tell_drift()
         self._tell_hurry()
+
+    def _tell_changes(self, samples: Sequence[Taken]) -> None:
+        """Write to the debug log which channels changed, and whether the beam began to move or to rest."""
+        before: Sequence[Quality | None] = self.quality or [None] * len(self.surface.channel_names)
+        for taken in samples:
+            now = taken.sample.quality
+            channels = zip(self.surface.channel_names, before, now, strict=True)
+            if changes := [f"{channel} is {new}" for channel, old, new in channels if new != old]:
+                _log.debug("%s: sample %d: %s", self.name, taken.sample.sequence, ", ".join(changes))
+            before = now
+        rests = self._pipeline.most_waiting > 0
+        if rests != self._rests:
+            self._rests = rests
+            words = "nothing happens: few samples, each the mean of all readings" if rests else "a sample a reading"
+            _log.debug("%s: sample %d: %s", self.name, samples[-1].sample.sequence, words)
 
     def _tell_drift(self) -> None:
         """Log once that zeros are nearly as far from the last tare as is followed, and that they are back."""

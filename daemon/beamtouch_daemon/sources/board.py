@@ -5,6 +5,7 @@ then. It ends with SourceError when the port disappears, when the device falls s
 back, or when it is not the device in the configuration. The next one uses the same port, if that stays open.
 """
 
+import logging
 import secrets
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, aclosing, suppress
@@ -14,10 +15,12 @@ from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.clock import HostClock
+from beamtouch_daemon.sources.frame_words import in_hex
 from beamtouch_daemon.sources.kept_port import KeptPort
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.requests import Requests
 from beamtouch_daemon.sources.serial_port import LineSettings, SerialPort
+from beamtouch_daemon.sources.traffic import text_of
 from beamtouch_protocol import messages
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Start, Stop
@@ -39,6 +42,7 @@ BACK_S = 0.1
 CLOCK_WENT_BACK = "the device's clock went back"
 FROM_DEVICE = 0x80
 """Types of messages from here on come from devices, others from hosts."""
+_log = logging.getLogger(__name__)
 _TOKENS = 1 << 16
 _REPEATED = 1 << 15
 """More readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
@@ -66,17 +70,29 @@ class BoardLine:
 
     def tell(self, message: Message) -> None:
         """Send a message; SourceError if the port does not accept it."""
+        _log.debug("%s: sent %s", self.path, message)
         self._port.send(encode(message))
 
     async def listen(self, within_s: float) -> list[Arrival]:
         """Wait for bytes and return the messages in them, if any; SourceError without a port."""
         received = await self._port.receive(within_s)
         arrived = self._decoder.feed(received)
+        if _log.isEnabledFor(logging.DEBUG):
+            self._tell_arrivals(received, arrived)
         if any(message.TYPE >= FROM_DEVICE for message in arrived):
             self._port.traffic.note_frame(self._port.taken_s)
         elif not arrived:  # else an echo
             self._port.traffic.note_other(received)
         return [Arrival(self._port.taken_s, message) for message in arrived]
+
+    def _tell_arrivals(self, received: bytes, arrived: Sequence[Message]) -> None:
+        """Write to the debug log what came."""
+        for message in arrived:
+            _log.debug("%s: received %s", self.path, message)
+        if received and not arrived:
+            text = text_of(received)
+            kind = f"text: {text!r}" if text else "no whole message, or one with a wrong checksum"
+            _log.debug("%s: %d bytes came (%s): %s", self.path, len(received), in_hex(received), kind)
 
     async def ask(
         self, question: Callable[[], Sequence[Message]], within_s: float, max_repeat_s: float = REPEAT_S

@@ -1,6 +1,7 @@
 """Modbus units over TCP."""
 
 import asyncio
+import logging
 import math
 from collections.abc import AsyncIterator
 from contextlib import AbstractContextManager, asynccontextmanager, closing, nullcontext
@@ -10,11 +11,13 @@ from pymodbus.framer import FramerSocket
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.converter import connect
+from beamtouch_daemon.sources.frame_words import describe_request, in_hex
 from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError, no_connection
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
 from beamtouch_daemon.sources.requests import Failure, Requests, insist
-from beamtouch_daemon.sources.rtu_line import RtuLine, answers_of
+from beamtouch_daemon.sources.rtu_frames import answers_of
+from beamtouch_daemon.sources.rtu_line import RtuLine
 from beamtouch_daemon.sources.serial_port import SerialPort
 
 REST_S = 0.5
@@ -33,6 +36,7 @@ unit, and the other units wait with it."""
 LOOK_AGAIN_S = 60.0
 """A device that has never answered is asked in RTU frames, too: once in this time."""
 _FRAMER = FramerSocket(DECODER)
+_log = logging.getLogger(__name__)
 
 
 class TcpLink:
@@ -97,7 +101,9 @@ class TcpLink:
             answer = await self._exchange(block)
         except TimeoutError as error:
             self._close()
-            raise self._explain_silence() from error
+            why = self._explain_silence()
+            _log.debug("%s: %s", self._address, why)
+            raise why from error
         except (OSError, EOFError) as error:
             self._close()
             raise NoAnswerError(f"{self._address} closes the connection without an answer", Failure.CLOSED) from error
@@ -121,7 +127,10 @@ class TcpLink:
             self._received, self._mismatch = b"", ""
             asked_s = uptime_s()
             try:
-                writer.write(_FRAMER.encode(block.request, self._unit, self._transaction))
+                request = _FRAMER.encode(block.request, self._unit, self._transaction)
+                if _log.isEnabledFor(logging.DEBUG):
+                    _log.debug("%s: %s", self._address, describe_request(self._unit, block, request))
+                writer.write(request)
                 async with asyncio.timeout(self._timeout_s):
                     return answer_to(block, await self._receive(reader), asked_s)
             except (ConnectionError, EOFError):
@@ -137,6 +146,8 @@ class TcpLink:
             if is_foreign or len(self._received) < max(HEADER_BYTES, end):
                 if not (data := await reader.read(READ_BYTES)):
                     raise EOFError
+                if _log.isEnabledFor(logging.DEBUG):
+                    _log.debug("%s: %d bytes came (%s)", self._address, len(data), in_hex(data))
                 self._received += data
                 continue
             _, unit, transaction, data = _FRAMER.decode(self._received[:end])

@@ -13,7 +13,8 @@ from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.kept_port import KeptPort
 from beamtouch_daemon.sources.registers import Answer, Block, answer_to
 from beamtouch_daemon.sources.requests import Requests
-from beamtouch_daemon.sources.rtu_line import RtuLine, UnitLine, answers_of, silence_of
+from beamtouch_daemon.sources.rtu_frames import answers_of, silence_of
+from beamtouch_daemon.sources.rtu_line import RtuLine, UnitLine
 from beamtouch_daemon.sources.rtu_unit import Unit, forgotten_s
 from beamtouch_daemon.sources.serial_port import LineSettings
 

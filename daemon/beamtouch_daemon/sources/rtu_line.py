@@ -1,27 +1,22 @@
 """An open port as a Modbus RTU line: requests of one master, one at a time, and the answers to them."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
+import logging
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from pymodbus.framer import FramerRTU
-
 from beamtouch_common.uptime import uptime_s
+from beamtouch_daemon.sources.frame_words import describe_received, describe_request, in_hex
 from beamtouch_daemon.sources.reading import NoAnswerError
-from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
-from beamtouch_daemon.sources.requests import Failure, insist
-from beamtouch_daemon.sources.rtu_unit import READ_FUNCTIONS
+from beamtouch_daemon.sources.registers import Answer, Block, answer_to
+from beamtouch_daemon.sources.requests import Failure, exception_words, insist
+from beamtouch_daemon.sources.rtu_frames import READ_FUNCTIONS, answers_of, encode
 from beamtouch_daemon.sources.serial_port import SerialPort
 
-BITS_PER_CHARACTER = 11
-MIN_SILENCE_S = 0.00175
-"""Silence between frames: 3.5 characters, or this long above 19200 baud."""
 QUIET_S = (0.1, 0.5)
 """Bounds of the silence that a proof needs at the start of a session; in between, it is one timeout."""
-_FRAMER = FramerRTU(DECODER)
-_ENVELOPE_BYTES = 3
-"""Unit and checksum."""
+_log = logging.getLogger(__name__)
 
 
 class RtuLine:
@@ -48,16 +43,18 @@ class RtuLine:
         """Send a request to a unit; return its answer or refusal, NoAnswerError if neither comes intact in time."""
         request = encode(address, block)
         async with self._held():
-            asked_s, received = uptime_s(), b""
+            asked_s, came, received = uptime_s(), b"", b""
             self.port.send(request)
             while (left_s := asked_s + timeout_s - uptime_s()) > 0:
-                received += await self.port.receive(left_s)
-                received = received.replace(request, b"")  # adapters may echo
+                came += await self.port.receive(left_s)
+                received = came.replace(request, b"")  # adapters may echo
                 for end, data in answers_of(address, received):
                     if answer := answer_to(block, data, asked_s):
                         self.port.traffic.note_frame(uptime_s())
                         self._take_unexpected(received[end:])
+                        self._tell_answer(address, block, request, came, answer)
                         return answer
+        self._tell_silence(address, block, request, came, timeout_s)
         within = f"within {timeout_s * 1e3:.0f} ms"
         self._note(received)
         if any(answers_of(address, received)):
@@ -84,12 +81,32 @@ class RtuLine:
         else:
             self.port.traffic.note_other(received)
 
+    def _tell_answer(self, address: int, block: Block, request: bytes, came: bytes, answer: Answer) -> None:
+        """Write an answer to the debug log, with all that came with it."""
+        if _log.isEnabledFor(logging.DEBUG):
+            asked, meaning = describe_request(address, block, request), ""
+            if answer.exception:
+                meaning = f"; {exception_words(answer.exception)}"
+            took_ms = (uptime_s() - answer.asked_s) * 1e3
+            words = "%s: %s; answered within %.1f ms (%s)%s"
+            _log.debug(words, self.port.path, asked, took_ms, in_hex(came), meaning)
+
+    def _tell_silence(self, address: int, block: Block, request: bytes, came: bytes, timeout_s: float) -> None:
+        """Write to the debug log that no answer came, and what came instead."""
+        if _log.isEnabledFor(logging.DEBUG):
+            asked, instead = describe_request(address, block, request), describe_received(came, request, address)
+            last = self.port.traffic.describe_last_frame(uptime_s())
+            words = "%s: %s; no answer within %.0f ms: %s; %s"
+            _log.debug(words, self.port.path, asked, timeout_s * 1e3, instead, last)
+
     @asynccontextmanager
     async def _held(self) -> AsyncIterator[bytes]:
         """Hold the line, once it has been silent for long enough; give what came unexpectedly."""
         async with self._lock:
             await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
             unexpected = self.port.take()
+            if unexpected and _log.isEnabledFor(logging.DEBUG):
+                _log.debug("%s: before a request %s", self.port.path, describe_received(unexpected))
             self._note(unexpected)
             self._take_unexpected(unexpected)
             try:
@@ -117,26 +134,3 @@ class UnitLine:
     async def is_quiet(self) -> bool:
         """Listen for answers that nobody asked for; return whether none came."""
         return await self.line.is_quiet(self.address, self.timeout_s)
-
-
-def encode(address: int, block: Block) -> bytes:
-    """Return the frame of a request."""
-    frame: bytes = _FRAMER.encode(block.request, address, 0)
-    return frame
-
-
-def silence_of(baud: int) -> float:
-    """Return the silence between two frames on a bus, as in the standard [s]."""
-    return max(MIN_SILENCE_S if baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / baud)
-
-
-def answers_of(address: int, received: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield function and contents of all intact answers of a unit, each with the place behind it.
-
-    A frame has no start mark, only a checksum at its end. So everything that begins as an answer of the unit is tried.
-    """
-    for begin in range(len(received) - 1):
-        if received[begin] == address and received[begin + 1] & 0x7F in READ_FUNCTIONS:
-            *_, data = _FRAMER.decode(received[begin:])
-            if data:
-                yield begin + len(data) + _ENVELOPE_BYTES, data

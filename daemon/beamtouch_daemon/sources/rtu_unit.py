@@ -21,9 +21,8 @@ from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import MAX_REGISTERS, UNREAD, Answer, Block
 from beamtouch_daemon.sources.requests import reason_of, refusal_text
+from beamtouch_daemon.sources.rtu_frames import READ_FUNCTIONS
 
-READ_FUNCTIONS = (4, 3, 1, 2)
-"""Functions that only read, so that a probe never changes a device."""
 PROBES = 2
 STARTS = 3
 """A start is repeated this often if answers come in its silence. Then another master may be asking the unit."""

@@ -60,6 +60,12 @@ class Traffic:
         """Return whether no frame has come for so long that the port should be opened again."""
         return now_s - max(self._opened_s, self._frame_s) >= SILENT_S
 
+    def describe_last_frame(self, now_s: float) -> str:
+        """Return when the last frame came."""
+        if math.isinf(self._frame_s):
+            return "no intact frame has come since the port was opened"
+        return f"the last intact frame came {now_s - self._frame_s:.1f} s ago"
+
     def describe(self, now_s: float) -> str:
         """Return what came instead of frames, and what to check; empty if a frame came recently."""
         if now_s - self._frame_s < RECENT_S:
@@ -79,6 +85,11 @@ class Traffic:
     @property
     def text(self) -> str:
         """The beginning of the text among the newest bytes; empty if they are something else."""
-        text = b" ".join(words.strip() for words in _WORDS.findall(self._kept)).strip()
-        is_text = len(text) >= max(MIN_TEXT, MIN_SHARE * len(self._kept))
-        return text.decode()[:SHOWN] if is_text else ""
+        return text_of(self._kept)
+
+
+def text_of(data: bytes) -> str:
+    """Return the beginning of the text that bytes are; empty if they are something else."""
+    text = b" ".join(words.strip() for words in _WORDS.findall(data)).strip()
+    is_text = len(text) >= max(MIN_TEXT, MIN_SHARE * len(data))
+    return text.decode()[:SHOWN] if is_text else ""

@@ -63,7 +63,7 @@ class Context:
     """Notices that the process stood still."""
     missing: dict[str, str] = field(default_factory=dict)
     """Section of the configuration -> why its address or broker is not there, empty while it is."""
-    parts: Parts = field(default_factory=lambda: Parts(logging.getLogger("beamtouch.service")))
+    parts: Parts = field(default_factory=lambda: Parts(logging.getLogger(__name__)))
     """What works beside the routes."""
 
     def reasons(self) -> dict[str, str]:

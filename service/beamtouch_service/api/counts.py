@@ -34,7 +34,7 @@ _BATCH_S = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 1
 _AGE_S = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Bounds [s] around sensible limits of age."""
 
-_log = logging.getLogger("beamtouch.service")
+_log = logging.getLogger(__name__)
 # Each counter would otherwise have a second series with the time of its creation.
 disable_created_metrics()  # type: ignore[no-untyped-call]  # the library's
 

@@ -13,7 +13,7 @@ from beamtouch_service.api import errors, openapi
 from beamtouch_service.api.context import context_of
 from beamtouch_service.problems import ProblemError
 
-_log = logging.getLogger("beamtouch.service")
+_log = logging.getLogger(__name__)
 
 HEADERS = {
     "Cache-Control": "no-store",

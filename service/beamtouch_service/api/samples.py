@@ -1,5 +1,6 @@
 """`POST /surfaces/NAME/samples`: from the headers of a batch to its receipt."""
 
+import logging
 import zlib
 from asyncio import CancelledError, get_running_loop, timeout
 from collections.abc import Iterator
@@ -26,6 +27,8 @@ _MAX_PEER = 64
 _CLOSE = {"Connection": "close"}
 """The rest of the body may still come, and nobody reads it."""
 
+_log = logging.getLogger(__name__)
+
 router = gate.make_router("samples", Role.WRITE)
 
 
@@ -49,6 +52,13 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         context.counts.rejected.labels(known, error.problem.kind.slug).inc()
         if error.problem.kind is Kind.OTHER_BEAM:
             context.counts.other_beam(name, error.problem.detail)
+        _log.debug(
+            "%s: a batch from %s is refused: %s: %s",
+            known,
+            _peer(request),
+            error.problem.kind.slug,
+            error.problem.detail,
+        )
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
     context.counts.look(surface, begin_s)
@@ -60,7 +70,17 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         expected=expected,
         stale_ms=surface.stale_ms,
     )
+    if _log.isEnabledFor(logging.DEBUG):
+        _tell(name, request, batch, receipt, context.clock() - begin_s)
     return Response(receipt.model_dump_json(), media_type="application/json")
+
+
+def _tell(name: str, request: Request, batch: Batch, receipt: Receipt, took_s: float) -> None:
+    """Write a batch that was taken to the debug log."""
+    numbers = [sample.sequence for sample in batch.samples]
+    samples = f"samples {numbers[0]} to {numbers[-1]}" if numbers else "no samples"
+    words = "%s: a batch from %s, boot %s, %s: %s; %.1f ms"
+    _log.debug(words, name, _peer(request), batch.boot_id, samples, receipt, took_s * 1e3)
 
 
 def _follow(context: Context, surface: Surface, batch: Batch, received: Received) -> Iterator[None]:

@@ -25,7 +25,7 @@ MAX_CAPTURED = 5
 _DIGITS = 6
 """Significant digits of a capture; the answers of a graph have seven."""
 
-_log = logging.getLogger("beamtouch.service.events")
+_log = logging.getLogger(__name__)
 
 
 class Boot:

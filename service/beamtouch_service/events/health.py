@@ -14,7 +14,7 @@ from beamtouch_service.surfaces.channels import ChannelHealth, Part, SurfaceHeal
 from beamtouch_service.surfaces.contact import rfc3339
 
 _PERCENT_DIGITS, _MM_DIGITS = 3, 6
-_log = logging.getLogger("beamtouch.service.events")
+_log = logging.getLogger(__name__)
 
 
 BlockKey = tuple[int, int]

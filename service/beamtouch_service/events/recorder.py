@@ -41,7 +41,7 @@ STOP_S = 2.0
 TIDY_S = 60.0
 _DEFAULTS = EventsSection()
 
-_log = logging.getLogger("beamtouch.service.events")
+_log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 

@@ -22,7 +22,7 @@ _QUIET_BOOT_S = 86_400.0
 """The cursor of a boot without an event on record is deleted this long after its last sample. A daemon that is started
 anew every few seconds would fill the record with them, and so displace events."""
 _c = EVENTS.c
-_log = logging.getLogger("beamtouch.service.events")
+_log = logging.getLogger(__name__)
 
 
 class Deleted(NamedTuple):

@@ -24,7 +24,7 @@ _PRAGMAS = (
     _FOREIGN_KEYS,
 )
 
-_log = logging.getLogger("beamtouch.service.events")
+_log = logging.getLogger(__name__)
 
 
 class _SqliteArguments(TypedDict):

@@ -12,7 +12,7 @@ WARN_BYTES = 16_000_000
 """From this size on, the log names the reason: otherwise SQLite begins anew with it after about one MB."""
 MAX_BYTES = 64_000_000
 """Beyond this size nothing is written: a full disk would cost more than events, which the daemons keep meanwhile."""
-_log = logging.getLogger("beamtouch.service.events")
+_log = logging.getLogger(__name__)
 
 
 class WriteAheadLog:

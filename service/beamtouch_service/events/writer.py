@@ -8,7 +8,7 @@ from beamtouch_common.log import Repeated
 from beamtouch_common.threads import Workers
 from beamtouch_service.events.store import Store
 
-_log = logging.getLogger("beamtouch.service.events")
+_log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 

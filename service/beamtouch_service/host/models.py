@@ -17,7 +17,7 @@ POLL_S = 1.0
 Stamp = tuple[int, int, int, int]
 """Size, times of change [ns] of content and status, and number of a file: differs when it is written or replaced."""
 
-_log = logging.getLogger("beamtouch.service")
+_log = logging.getLogger(__name__)
 
 
 def load(path: Path) -> ModelFile:

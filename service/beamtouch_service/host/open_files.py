@@ -25,7 +25,7 @@ _WORDS = (
 
 def refuse_beyond_open_files() -> None:
     """From now on, close new connections of the running event loop at once while no descriptor is left."""
-    reserve, repeated = _Reserve(), Repeated(logging.getLogger("beamtouch.service"))
+    reserve, repeated = _Reserve(), Repeated(logging.getLogger(__name__))
 
     def handle(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error, listener = context.get("exception"), context.get("socket")

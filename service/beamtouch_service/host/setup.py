@@ -28,13 +28,14 @@ from beamtouch_service.sections import ServerSection, SurfaceSection, load_pair
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from beamtouch_service.access import Access
     from beamtouch_service.host.serve import Tasks
     from beamtouch_service.outputs.section import Output
 
-_log = logging.getLogger("beamtouch.service")
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -74,10 +75,10 @@ def prepare(settings: Settings) -> Parts:
     return Parts(access, address, [surface for surface, _ in loaded], keepers, outputs, warnings)
 
 
-def run(settings: Settings) -> None:
-    """Serve until SIGTERM or Ctrl-C; errors as of `prepare`."""
+def run(settings: Settings, levels: Iterable[log.Level] = ()) -> None:
+    """Serve until SIGTERM or Ctrl-C, with a log from these levels on; raises what `prepare` raises."""
     parts, server = prepare(settings), settings.server
-    log.set_up()
+    log.set_up(levels=levels)
     for warning in parts.warnings:
         _log.warning(warning)
     for surface in parts.surfaces:

@@ -1,5 +1,6 @@
 """The states that samples show, and what is doubtful about them. Pure but for the run of the model."""
 
+import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -31,6 +32,7 @@ from beamtouch_service.surfaces.problems import unusable_estimate
 from beamtouch_service.surfaces.warmth import Warmth
 from beamtouch_service.zones.follow import NO_ZONES, Seen, ZoneFollower, ZoneReport
 
+_log = logging.getLogger(__name__)
 _ALL = 40
 """Number of samples at the beginning of a stretch, all of which are examined without each channel: as many as name a
 suspect."""
@@ -221,6 +223,8 @@ class Follower:
         self._wirings = Wirings(model.metadata, model.run)
         self._settled: Estimate | None = None
         """The last settled sample of what acts on the beam."""
+        self._told: tuple[State | None, str] | None = None
+        """State and problem of the last sample, as the debug log has them."""
 
     @property
     def wiring(self) -> str | None:
@@ -248,6 +252,8 @@ class Follower:
                 self._judge = Judge(self.model, self._surface, self._section)
         self._last = boot_id, number
         decision = self._judge.judge(estimate, taken_us, sender_notes)
+        if _log.isEnabledFor(logging.DEBUG):
+            self._tell_change(decision)
         self._seek_wiring(decision)
         if decision.state is None:
             return decision
@@ -258,6 +264,23 @@ class Follower:
         self._warmth.add(decision.evidence)
         shift_mm = self._warmth.shift_mm
         return decision._replace(suspect=self._suspects.suspect if shift_mm is None else None, shift_mm=shift_mm)
+
+    def _tell_change(self, decision: Decision) -> None:
+        """Write to the debug log that the state has changed, and from which figures that follows."""
+        told = decision.state, decision.problem.detail if decision.problem else ""
+        if told == self._told:
+            return
+        self._told = told
+        words = f"undecided: {told[1]}"
+        if decision.state is not None:
+            evidence, limits = decision.evidence, self.model.metadata.thresholds
+            place = evidence.channels - 1
+            words = (
+                f"{decision.state}: log odds {evidence.log_odds:.4g}, of a touch {limits.touch[place]:.4g}; misfit of "
+                f"one contact {evidence.misfit:.4g} of at most {limits.misfit[place]:.4g}, of rest "
+                f"{evidence.rest_misfit:.4g} of at most {limits.rest[place]:.4g}"
+            )
+        _log.debug("%s: sample %d: %s", self._surface, decision.estimate.sample.sequence, words)
 
     def _seek_suspect(self, estimate: Estimate) -> None:
         """Examine a sample of an unexplained stretch without each of its channels, unless enough others were."""

@@ -16,7 +16,7 @@ from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, NotModbusError
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from beamtouch_service.outputs.section import Output
 
-_log = logging.getLogger("beamtouch.service")
+_log = logging.getLogger(__name__)
 
 
 def make(section: ModbusServerSection, surfaces: Sequence[str], access: Access) -> Output:

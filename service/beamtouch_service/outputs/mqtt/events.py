@@ -22,7 +22,7 @@ COUNT_S = 5.0
 RETURN_S = 10.0
 """After an outage, subscribers have this long to return: until then, an event that none of them gets is sent again."""
 
-_log = logging.getLogger("beamtouch.service.mqtt")
+_log = logging.getLogger(__name__)
 
 
 class EventSender:

@@ -18,7 +18,7 @@ MOST_LOSSES = 2
 """Then the service no longer asks for what costs it the connection, and no longer removes it."""
 _ENDS = "it ends the connection"
 
-_log = logging.getLogger("beamtouch.service.mqtt")
+_log = logging.getLogger(__name__)
 
 
 class Leftovers:

@@ -28,7 +28,7 @@ from beamtouch_service.sections import load_pair, require_readable
 RETRY_S, MAX_RETRY_S = 0.5, 8.0
 """Pause after a connection was lost, and the longest one."""
 
-_log = logging.getLogger("beamtouch.service.mqtt")
+_log = logging.getLogger(__name__)
 
 
 def make(section: MqttSection, _surfaces: Sequence[str], _access: Access) -> Output:

@@ -11,7 +11,7 @@ from beamtouch_service.surfaces.surface import Surface
 
 LOOK_S = 1.0
 """Pause between two looks at the surfaces."""
-_log = logging.getLogger("beamtouch.service.mqtt")
+_log = logging.getLogger(__name__)
 
 
 def status_of(surface: Surface, now_s: float) -> bytes:

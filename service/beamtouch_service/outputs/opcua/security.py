@@ -41,7 +41,7 @@ class TrustedCertificates(TrustStore):  # type: ignore[misc]  # mypy skips the t
     def __init__(self, certificates: list[Certificate]) -> None:
         super().__init__([], [])
         self._certificates = verification.Store(certificates)
-        self._repeated = Repeated(logging.getLogger("beamtouch.service.opcua"))
+        self._repeated = Repeated(logging.getLogger(__name__))
 
     def is_trusted(self, certificate: Certificate) -> bool:
         """Return whether a certificate is one of these, or was issued by one of them."""

@@ -37,7 +37,7 @@ APPLICATION = "urn:beamtouch:service"
 STOP_S = 1.0
 """Time for the clients to take their leave."""
 
-_log = logging.getLogger("beamtouch.service.opcua")
+_log = logging.getLogger(__name__)
 
 
 def make(section: OpcUaSection, _surfaces: Sequence[str], access: Access) -> Output:

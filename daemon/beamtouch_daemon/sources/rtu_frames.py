@@ -1,0 +1,39 @@
+"""Frames of Modbus RTU: requests, the answers in what was received, and the silence between them. Pure."""
+
+from collections.abc import Iterator
+
+from pymodbus.framer import FramerRTU
+
+from beamtouch_daemon.sources.registers import DECODER, Block
+
+READ_FUNCTIONS = (4, 3, 1, 2)
+"""Functions that only read, so that a probe never changes a device."""
+BITS_PER_CHARACTER = 11
+MIN_SILENCE_S = 0.00175
+"""Silence between frames: 3.5 characters, or this long above 19200 baud."""
+_FRAMER = FramerRTU(DECODER)
+_ENVELOPE_BYTES = 3
+"""Unit and checksum."""
+
+
+def encode(address: int, block: Block) -> bytes:
+    """Return the frame of a request."""
+    frame: bytes = _FRAMER.encode(block.request, address, 0)
+    return frame
+
+
+def silence_of(baud: int) -> float:
+    """Return the silence between two frames on a bus, as in the standard [s]."""
+    return max(MIN_SILENCE_S if baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / baud)
+
+
+def answers_of(address: int, received: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield function and contents of all intact answers of a unit, each with the place behind it.
+
+    A frame has no start mark, only a checksum at its end. So everything that begins as an answer of the unit is tried.
+    """
+    for begin in range(len(received) - 1):
+        if received[begin] == address and received[begin + 1] & 0x7F in READ_FUNCTIONS:
+            *_, data = _FRAMER.decode(received[begin:])
+            if data:
+                yield begin + len(data) + _ENVELOPE_BYTES, data

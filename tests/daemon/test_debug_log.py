@@ -1,0 +1,143 @@
+"""The debug log names what is wrong with a line, frame by frame, and says nothing unless it is asked for."""
+
+import asyncio
+import logging
+import pkgutil
+from collections.abc import Callable
+from importlib import import_module
+
+import pytest
+
+import beamtouch_daemon
+from beamtouch_daemon import cli
+from beamtouch_daemon.sources.frame_words import describe_received, in_hex
+from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.rtu_frames import encode
+
+from .devices import Fault, NumberingUnit, Pieces, no_echo, no_fault, rtu_units, with_crc
+from .lines import terminal
+from .sessions import source_in, take_across_sessions
+
+pytestmark = pytest.mark.anyio
+
+SOURCES = "beamtouch_daemon.sources"
+TWO = Block(0, 2)
+REQUEST = encode(1, TWO)
+ANSWER = with_crc(bytes([1, 4, 4, 0, 7, 0, 8]))
+
+
+async def lines_of(
+    fault: Fault, caplog: pytest.LogCaptureFixture, *, units: int = 1, echo: Callable[[bytes], Pieces] = no_echo
+) -> list[str]:
+    """Read two registers of unit 1 for a while; return the debug lines. `units` is the number of the unit there."""
+    caplog.set_level(logging.DEBUG, SOURCES)
+    with terminal() as line:
+        async with rtu_units(line, {units: NumberingUnit(fault)}, echo=echo):
+            table = f'kind = "modbus-rtu"\nport = "{line.path}"\ntimeout_ms = 50\nunit = 1'
+            source = source_in({}, table, ["register = 0", "register = 1"], 50.0)
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(1.0):
+                    await take_across_sessions(source, 1_000)
+    return [record.getMessage().replace(line.path, "PORT") for record in caplog.records if record.levelname == "DEBUG"]
+
+
+async def test_each_request_and_answer_of_a_bus_is_logged_in_hexadecimal(caplog: pytest.LogCaptureFixture) -> None:
+    lines = await lines_of(no_fault, caplog)
+    asked = f"PORT: unit 1 asked for registers 0 to 1 by function 4 ({REQUEST.hex(' ')}); answered within "
+    answered = [line for line in lines if line.startswith(asked)]
+    assert len(answered) > 10
+    assert all("(01 04 04 00 " in line for line in answered)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (lambda _number, _frame: [], "ms: not a byte came; no intact frame has come since the port was opened"),
+        (lambda number, frame: [(0.0, frame)] if number < 9 else [], "not a byte came; the last intact frame came 0."),
+        (lambda _number, frame: [(0.08, frame)], "before a request 9 bytes came (01 04 04"),
+        (lambda _number, frame: [(0.0, frame[:-3])], "which breaks off after 6 of 9 bytes"),
+        (lambda _number, frame: [(0.0, frame[:-1] + bytes([frame[-1] ^ 1]))], "with a wrong checksum"),
+        (lambda _number, frame: [(0.0, with_crc(b"\5" + frame[1:-2]))], "an intact answer of unit 5"),
+        (lambda _number, _frame: [(0.0, bytes([0x00, 0xF8, 0x80, 0x00, 0x78]))], "no Modbus frame: another baud rate"),
+        (lambda _number, _frame: [(0.0, b"login: raspberry")], "text: 'login: raspberry'"),
+    ],
+    ids=["silent", "gone", "late", "cut off", "damaged", "another unit", "another baud rate", "a console"],
+)
+async def test_a_bad_line_is_named_by_what_came_instead(
+    fault: Fault, words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert [line for line in await lines_of(fault, caplog) if words in line]
+
+
+async def test_an_echo_without_an_answer_is_told_from_an_answer(caplog: pytest.LogCaptureFixture) -> None:
+    lines = await lines_of(no_fault, caplog, units=2, echo=lambda request: [(0.0, request)])
+    assert [line for line in lines if "the request itself, which an adapter echoes; no intact frame" in line]
+
+
+async def test_a_refusal_is_logged_with_its_meaning(caplog: pytest.LogCaptureFixture) -> None:
+    refused = with_crc(bytes([1, 0x84, 2]))
+    lines = await lines_of(lambda _number, _frame: [(0.0, refused)], caplog)
+    assert [line for line in lines if f"({refused.hex(' ')}); exception 2, it has no such register" in line]
+
+
+async def test_nothing_of_a_line_is_logged_unless_it_is_asked_for(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    with terminal() as line:
+        async with rtu_units(line, {1: NumberingUnit()}):
+            table = f'kind = "modbus-rtu"\nport = "{line.path}"\ntimeout_ms = 50\nunit = 1'
+            await take_across_sessions(source_in({}, table, ["register = 0"], 50.0), 5)
+    assert [record for record in caplog.records if record.levelname == "DEBUG"] == []
+
+
+@pytest.mark.parametrize(
+    ("came", "words"),
+    [
+        (b"", "not a byte came"),
+        (ANSWER, "an intact answer of unit 1, to an earlier request or to another master"),
+        (ANSWER[:2], "the beginning of an answer of unit 1, which breaks off after 2 of 5 bytes"),
+        (ANSWER[:8], "the beginning of an answer of unit 1, which breaks off after 8 of 9 bytes"),
+        (bytes([1, 0x84, 2, 0]), "the beginning of an answer of unit 1, which breaks off after 4 of 5 bytes"),
+        (bytes([1, 0x84, 2, 0, 0]), "the beginning of an answer of unit 1, with a wrong checksum"),
+        (bytes([2, 4, 4, 0]), "no Modbus frame"),
+        (REQUEST + ANSWER[:8], "the request itself, which an adapter echoes, then the beginning of an answer"),
+    ],
+)
+def test_bytes_that_are_no_answer_are_named(came: bytes, words: str) -> None:
+    assert words in describe_received(came, REQUEST, 1)
+
+
+def test_bytes_before_any_request_may_be_of_any_unit() -> None:
+    assert "the beginning of an answer of unit 2" in describe_received(bytes([2, 4, 4, 0]))
+
+
+def test_a_long_frame_is_shown_to_its_64th_byte() -> None:
+    assert in_hex(bytes(64)) == " ".join(["00"] * 64)
+    assert in_hex(bytes(65)) == f"{in_hex(bytes(64))} and 1 bytes more"
+
+
+def test_levels_can_be_set_for_the_parts_that_write_lines() -> None:
+    folders = [folder.name for folder in pkgutil.iter_modules(beamtouch_daemon.__path__) if folder.ispkg]
+    writing = {
+        folder
+        for folder in folders
+        for module in pkgutil.iter_modules(import_module(f"beamtouch_daemon.{folder}").__path__)
+        if hasattr(import_module(f"beamtouch_daemon.{folder}.{module.name}"), "_log")
+    }
+    assert writing == set(cli.LOGGED)
+
+
+@pytest.mark.parametrize(
+    ("level", "words"),
+    [
+        ("loud", "'loud' must end with one of debug, info, warning, error"),
+        ("wires=debug", "'wires=debug' must begin with one of delivery, "),
+        ("sources=", "'sources=' must end with one of debug, info, warning, error"),
+    ],
+)
+def test_a_wrong_level_is_refused_with_what_there_is(
+    level: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["check", "daemon.toml", "--log-level", level])
+    assert stop.value.code == 2
+    assert words in capsys.readouterr().err
