@@ -79,8 +79,8 @@ class Counts:
 
     def watch(self, surface: Surface) -> None:
         """Measure how long this surface takes, and start its counts at zero."""
-        surface.on_run = self._inference_s.labels(surface.name).observe
-        surface.on_arrival = self._age_s.labels(surface.name).observe
+        surface.runs.add(self._inference_s.labels(surface.name).observe)
+        surface.arrivals.add(self._age_s.labels(surface.name).observe)
         self.batch_s.labels(surface.name)
         for state in State:
             self.contacts.labels(surface.name, state.value)

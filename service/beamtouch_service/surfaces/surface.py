@@ -5,7 +5,7 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 
 import math
 from asyncio import Lock
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.follower import Decision, Follower
 from beamtouch_service.surfaces.freshness import Moment, SampleClock, Transit
+from beamtouch_service.surfaces.listeners import Listeners
 from beamtouch_service.surfaces.order import Order, Rivals, SampleCounts
 from beamtouch_service.surfaces.unexplained import Stretches
 
@@ -128,19 +129,16 @@ class Surface:
         """Zone -> times that a contact came to be inside it since the start."""
         self.health: SurfaceHealth | None = None
         """Health of the sensors, as the recorder finds it in the events so far."""
-        self.on_fresh: Callable[[Surface], None] = lambda _surface: None
-        """Called after each batch that moved the answer."""
-        self.on_run: Callable[[float], None] = lambda _took_s: None
-        """Takes the time of each run of the graph [s]."""
-        self.on_arrival: Callable[[float], None] = lambda _age_s: None
-        """Takes the age of the newest sample of each batch that moves the answer, at its arrival [s]."""
+        self.moves = Listeners[Surface]()
+        """Told after each batch that moved the answer."""
+        self.runs = Listeners[float]()
+        """Told the time of each run of the graph [s]."""
+        self.arrivals = Listeners[float]()
+        """Told the age of the newest sample of each batch that moves the answer, at its arrival [s]."""
         self._follower = self._follow(model) if model else None
 
     def _follow(self, model: ModelFile) -> Follower:
-        return Follower(model, self.name, self.section, self._note_run)
-
-    def _note_run(self, took_s: float) -> None:
-        self.on_run(took_s)
+        return Follower(model, self.name, self.section, self.runs.tell)
 
     @property
     def model(self) -> ModelFile | None:
@@ -195,7 +193,7 @@ class Surface:
             self.rivals.hear(batch.boot_id, address, taken.acquired_s)
         received = Received(taken.accepted, taken.repeated)
         if taken.fresh:
-            self.on_arrival((batch.newest_age_ms or 0.0) / 1e3)
+            self.arrivals.tell((batch.newest_age_ms or 0.0) / 1e3)
             received.steps = self._advance(batch, taken.fresh, taken.acquired_s, received)
         return received
 
@@ -230,7 +228,7 @@ class Surface:
             notes += [Note.DEGRADED] if self.channels_out.any else []
             notes += sender_notes
         self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided)
-        self.on_fresh(self)
+        self.moves.tell(self)
 
     def _note_decision(self, decision: Decision, moment: Moment) -> None:
         self.channels_out.add(decision.estimate.sample.acquired_unix_us, decision.estimate.bad, moment.passed_s)

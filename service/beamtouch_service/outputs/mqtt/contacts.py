@@ -4,6 +4,7 @@ So a broker that is slow or frozen gets no contact, and finds none in its buffer
 """
 
 import asyncio
+from contextlib import ExitStack
 
 from prometheus_client import Counter
 
@@ -35,18 +36,23 @@ class ContactSender:
             if not news.is_set() and pace.has_news(surface, clock()):
                 news.set()
 
-        for surface in self._context.registry:
-            surface.on_fresh = note
-        while True:
-            await _wait(news, pace.wait_s(clock()))
-            news.clear()
-            if pace.due(clock()):
-                await self._confirm(connection, pace)
-                # Those that have come to be due meanwhile, too.
-                due = pace.due(clock())
-                pace.sent(due, clock())
-                for surface in due:
-                    await self._send(connection, surface)
+        with ExitStack() as listening:
+            for surface in self._context.registry:
+                listening.enter_context(surface.moves.told(note))
+            while True:
+                await _wait(news, pace.wait_s(clock()))
+                news.clear()
+                if pace.due(clock()):
+                    await self._confirm(connection, pace)
+                    await self._send_due(connection, pace)
+
+    async def _send_due(self, connection: Connection, pace: Pace) -> None:
+        """Send the contacts that are due, also those that have come to be meanwhile."""
+        now_s = self._context.clock()
+        due = pace.due(now_s)
+        pace.sent(due, now_s)
+        for surface in due:
+            await self._send(connection, surface)
 
     async def _confirm(self, connection: Connection, pace: Pace) -> None:
         """Wait for the broker, and count the contacts that are due, but became too old meanwhile."""
