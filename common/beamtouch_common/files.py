@@ -17,7 +17,7 @@ MAX_BYTES = 1024 * 1024
 """Largest file that people write, a thousand times a usual one; a larger file was given by mistake."""
 
 Context = Mapping[str, Any] | None
-"""What validators of a model need to know beside the file."""
+"""The context of a file, for the validators of its model."""
 Model = TypeVar("Model", bound=BaseModel)
 
 

@@ -11,7 +11,7 @@ from pydantic import Field
 
 NAME = r"^[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}$"
 RULE = 'have 1 to 64 letters, digits, "_", "-" or ".", and not begin with "."'
-"""What `NAME` says, in words."""
+"""The rule of `NAME`, in words."""
 _LONGEST = 64
 
 Name = Annotated[str, Field(pattern=NAME)]

@@ -44,7 +44,7 @@ def read_token(path: Path, remedy: str = NEW_TOKEN) -> str:
 
 
 def read_password(path: Path) -> str:
-    """Return the password in a file, without the end of its line; errors as of `read_token`."""
+    """Return the password in a file, without the end of its line; raises what `read_token` raises."""
     remedy = "write the password to it, in one line"
     content = _read(path, "password", remedy)
     if name := other_encoding(content):

@@ -3,7 +3,7 @@
 FIRST_S = 0.1
 MAX_S = 2.0
 STEADY_S = 10.0
-"""What has run for this long, and for as long as the last wait, has recovered."""
+"""A part that has run for this long, and for as long as the last wait, has recovered."""
 
 
 class Backoff:
@@ -17,7 +17,7 @@ class Backoff:
 
     @property
     def steady_s(self) -> float:
-        """What has run for this long since the last wait has recovered, and may call `reset` [s]."""
+        """A part that has run for this long since the last wait has recovered, and may call `reset` [s]."""
         return max(STEADY_S, self._last_s)
 
     def reset(self) -> None:

@@ -24,7 +24,7 @@ _Force = Annotated[FiniteFloat, Field(ge=0)]
 
 
 class ZoneState(StrEnum):
-    """Whether a contact is in a zone."""
+    """The relation of a contact to a zone."""
 
     INSIDE = "inside"
     """All of its interval has been in the zone for as long as the dwell."""
@@ -73,7 +73,7 @@ class Zone(BaseModel):
 
     @property
     def has_force(self) -> bool:
-        """Whether it states a bound of the force."""
+        """True if it states a bound of the force."""
         return self.least_force_n is not None or self.largest_force_n is not None
 
     def conflict(self, length_mm: float, *, estimates_force: bool) -> str:

@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 class Address:
-    """Where one part of the service listens.
+    """The address on which one part of the service listens.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Address:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this machine reaches it. A name that does not resolve yet may be any address."""
+        """True if only this machine reaches it. A name that does not resolve yet may be any address."""
         try:
             # Without the scope that follows a link-local address.
             address = ip_address(self.shown.partition("%")[0])

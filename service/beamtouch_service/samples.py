@@ -163,7 +163,7 @@ class Batch(BaseModel):
     samples: list[Sample] = Field(max_length=MAX_SAMPLES)
     """The samples, in the order in which they were taken. None: the sender only asks how far the record is."""
     backlog: bool = False
-    """Whether these are read from the sender's log for the record only: they never touch the answer."""
+    """True if these are read from the sender's log for the record only: they never touch the answer."""
     oldest: int | None = Field(default=None, ge=1, lt=2**53)
     """Number of the oldest sample of this boot that the sender's log still holds; the number of its next sample if it
     holds none. What is before it and not in the record is lost. Null: the sender keeps nothing."""

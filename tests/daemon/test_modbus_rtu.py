@@ -137,7 +137,7 @@ async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(
 
     fault = values_only(late) if kind == "answers only values" else late
     _, _, source = await read_through(fault, 60, places=["register = 7"], timeout_ms=100.0)
-    number = sum(f"left alone for {LATEST_S:g} s" in limit for limit in source.limits)
+    number = sum(f"not polled for {LATEST_S:g} s" in limit for limit in source.limits)
     assert number == (kind == "answers only values")
 
 
@@ -250,7 +250,7 @@ async def test_check_states_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> N
                 outcome = await command("check", config, "--json")
                 if limits := json.loads(outcome.out)["surfaces"]["bench"]["limits"]:
                     break
-    for words in ("unit 1 answers only requests for its values", "left alone for 5 s", "another master"):
+    for words in ("unit 1 answers only requests for its values", "not polled for 5 s", "another master"):
         assert any(words in limit for limit in limits), outcome.out
 
 

@@ -188,7 +188,7 @@ class Cable:
         healthy = self.bench.get("/health/ready?health=true")
         assert (healthy.status_code == 503) == bool(out)
         if out:
-            assert healthy.json()["detail"] == "press-7: Sensors of the surface are out"
+            assert healthy.json()["detail"] == "press-7: Sensors have failed"
             assert f"s3 (missing since {out['since']})" in healthy.json()["surfaces"]["press-7"]["detail"]
         assert self.bench.get("/health/ready").status_code == 200
         assert ("degraded" in self.bench.contact()["notes"]) == bool(out)

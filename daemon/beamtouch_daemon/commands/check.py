@@ -75,11 +75,11 @@ class SurfaceState:
     channels: tuple[ChannelState, ...] = ()
     error: str | None = None
     seen: str = ""
-    """What was seen of a device that gives no readings."""
+    """Traffic of a device that gives no readings."""
     limits: tuple[str, ...] = ()
     """Cases in which old or foreign readings may pass unnoticed, a sentence each."""
     is_tared: bool = True
-    """Whether the rest gaps are measured, rather than those of the configuration."""
+    """True if the rest gaps are measured, rather than those of the configuration."""
     refusal: str | None = None
     """Reason why the service does not take the samples of this surface; None: it takes them, or was not asked."""
     byte_orders: tuple[str, ...] = ()
@@ -89,11 +89,11 @@ class SurfaceState:
     failing: tuple[str, ...] = ()
     """Units of which some requests failed, a sentence each."""
     is_unreliable: bool = False
-    """Whether more of them failed than can be left alone."""
+    """True if more of them failed than can be left alone."""
 
     @property
     def awaited(self) -> str:
-        """What the surface lacks that may still come; empty if it lacks nothing."""
+        """Channels and links that are missing and may still come; empty if none are."""
         has_all = all(channel.quality is not Quality.MISSING for channel in self.channels)
         return self.error or ("" if has_all else "not all channels arrive") or self.refusal or ""
 

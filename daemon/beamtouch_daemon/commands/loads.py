@@ -28,7 +28,7 @@ class Load:
     position_mm: float
     force_n: float
     is_accepted: bool = field(default=False, compare=False)
-    """Whether it is recorded without checks."""
+    """True if it is recorded without checks."""
 
     def __str__(self) -> str:
         return f"{self.force_n:g} N at {self.position_mm:g} mm"

@@ -72,7 +72,7 @@ class Scan:
         self.findings = Findings(arguments.target)
         self._arguments = arguments
         self._has_settings = False
-        """Whether the port has any of the line settings."""
+        """True if the port has any of the line settings."""
 
     def report(self, *, is_complete: bool) -> None:
         """Print everything that has answered."""

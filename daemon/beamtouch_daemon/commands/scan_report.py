@@ -50,7 +50,7 @@ class Findings:
 
     @property
     def has_any(self) -> bool:
-        """Whether anything has answered."""
+        """True if anything has answered."""
         return bool(self.units or self.board)
 
     def note(self, name: str, traffic: Traffic) -> None:

@@ -201,7 +201,7 @@ class Surface(Strict):
 
     @property
     def has_fractions(self) -> list[bool]:
-        """Whether the counts of each channel are fractional numbers, whose type does not say their steps."""
+        """True if the counts of each channel are fractional numbers, whose type does not say their steps."""
         return [has_fractions(value_type) for value_type in self.value_types]
 
     @property
@@ -293,18 +293,18 @@ class Config(Strict):
         return {name: {} if tare is None else tare.rest_gap_mm for name, tare in self.read_tares(names).items()}
 
     def read_tares(self, names: Iterable[str] | None = None) -> dict[str, tares.TareFile | None]:
-        """Return the tares of surfaces, by default of all; errors as of `tare_file.load`."""
+        """Return the tares of surfaces, by default of all; raises what `tare_file.load` raises."""
         return {
             name: tares.load(self.tare_file(name), self.surfaces[name].channel_names)
             for name in (self.surfaces if names is None else names)
         }
 
     def read_trust(self) -> ssl.SSLContext | None:
-        """Return the configured trust in certificates, None for that of the system; errors as of `publish.trust`."""
+        """Return the trust in certificates, None for that of the system; raises what `publish.trust` raises."""
         file = self.publish.certificate_file
         return None if file is None else trust(self._directory / file)
 
     def read_token(self) -> str:
-        """Return the bearer token; errors as of `secrets.read_token`."""
+        """Return the bearer token; raises what `secrets.read_token` raises."""
         remedy = "publish.token_file must name a file with the service's token"
         return read_token(self._directory / self.publish.token_file, remedy)

@@ -52,7 +52,7 @@ class SourceKind(Strict):
 
     @property
     def is_polled(self) -> bool:
-        """Whether the daemon asks for each reading; otherwise the device sends them by itself."""
+        """True if the daemon asks for each reading; otherwise the device sends them by itself."""
         return True
 
     @property

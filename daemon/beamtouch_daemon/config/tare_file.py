@@ -23,7 +23,7 @@ DIGITS = 8
 NOT_TARED = (
     "not tared: the rest gaps are those of the configuration; run beamtouch-daemon tare, with nothing on the beam"
 )
-"""What to say of a surface without a tare file."""
+"""Message about a surface without a tare file."""
 
 
 class TareFile(BaseModel):

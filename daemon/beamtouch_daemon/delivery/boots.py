@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 class BacklogState(Enum):
-    """What the backlog of a boot does."""
+    """States of the backlog of a boot."""
 
     RESTS = "rests"
     WAITS = "waits"
@@ -57,7 +57,7 @@ class Boot:
         self.backoff = Backoff(max_s=BACKLOG_RETRY_S)
         self.backlog_state = BacklogState.RESTS
         self.live_failed = False
-        """Whether a live batch was not taken since the record lacked nothing. It is not repeated."""
+        """True if a live batch was not taken since the record lacked nothing. It is not repeated."""
         self.changed = asyncio.Event()
         """Set when a live batch goes out or is over, and when the backlog waits or a request of it is over."""
         self._counts = counts
@@ -72,12 +72,12 @@ class Boot:
 
     @property
     def is_behind(self) -> bool:
-        """Whether the record would not take the next live batch, as it lacks samples before it, or cannot be read."""
+        """True if the record would not take the next live batch, as it lacks samples before it, or cannot be read."""
         return self.expected is None or bool(self.missing)
 
     @property
     def is_gap_small(self) -> bool:
-        """Whether the record lacks so little that the next live batch may begin with it."""
+        """True if the record lacks so little that the next live batch may begin with it."""
         missing, is_refused = self.missing, self._refused != ENDED
         if not missing or self.live_failed or is_refused or missing.start < self.log.oldest_in_memory:
             return False
@@ -156,7 +156,7 @@ class SurfaceLogs:
 
     @property
     def is_line_thin(self) -> bool:
-        """Whether requests to the service take so long that they are made small."""
+        """True if requests to the service take so long that they are made small."""
         return self.present is not None and self.present.pace.is_thin
 
     @property

@@ -40,7 +40,7 @@ class UnreachableError(Exception):
     def __init__(self, reason: str, advice: str = "") -> None:
         super().__init__(reason)
         self.advice = advice
-        """What to change; empty if the service may just be away."""
+        """Advice on a setting to change; empty if the service may just be away."""
 
 
 class Verdict(Enum):
@@ -56,7 +56,7 @@ class Verdict(Enum):
 
 
 class _Problem(BaseModel):
-    """What counts here of a problem of the service."""
+    """The members of a problem of the service that are used here."""
 
     type: str = ""
     detail: str = ""
@@ -71,7 +71,7 @@ class Answer:
 
     @property
     def is_success(self) -> bool:
-        """Whether the request was answered as it should be."""
+        """True if the request was answered as it should be."""
         return 200 <= self.status < 300
 
     @cached_property
@@ -133,7 +133,7 @@ class ServiceClient:
 
     @classmethod
     def of(cls, config: Config) -> Self:
-        """Return the client of a configuration; errors as of `Config.read_token` and `Config.read_trust`."""
+        """Return the client of a configuration; raises what `Config.read_token` and `Config.read_trust` raise."""
         return cls(config.publish.url, config.read_token(), config.read_trust())
 
     async def __aenter__(self) -> Self:

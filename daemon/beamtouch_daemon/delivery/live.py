@@ -33,7 +33,7 @@ class Live:
         self._boot = boot
         self._backoff = Backoff(max_s=LIVE_RETRY_S)
         self._has_failed = False
-        """Whether the last batch was not taken."""
+        """True if the last batch was not taken."""
         self._due_s = -math.inf
         """When the next one may go out after that, on the monotonic clock."""
         self._took_s = 0.0

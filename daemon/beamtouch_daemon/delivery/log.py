@@ -52,7 +52,7 @@ class Log:
 
     @property
     def is_empty(self) -> bool:
-        """Whether the record has all samples."""
+        """True if the record has all samples."""
         return not self._chunks and not self._memory
 
     @property

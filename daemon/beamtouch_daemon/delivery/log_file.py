@@ -69,7 +69,7 @@ class LogFile:
 
     @property
     def is_open(self) -> bool:
-        """Whether the file is open."""
+        """True if the file is open."""
         return self._database is not None
 
     def open(self) -> list[tuple[str, Chunk, Batch]]:

@@ -51,7 +51,7 @@ class Pace:
         self.timeout_s = TIMEOUT_S
         """Time limit of the next request."""
         self.is_thin = False
-        """Whether a request took too long beyond the quickest one, and none of the usual size has been in time since:
+        """True if a request took too long beyond the quickest one, and none of the usual size has been in time since:
         for the line, or for the service."""
         self._usual = most_in_batch(channels)
         self._limit = most_in_batch(channels, MAX_SAMPLES)
@@ -144,7 +144,7 @@ class Pace:
 
 
 class _Slope:
-    """What a further sample adds to the time of a request: a line through the last few requests, by least squares."""
+    """Time that a further sample adds to a request: a line through the last few requests, by least squares."""
 
     KEPT = 0.8
     """Weight of a request over that of the next one: some five count."""

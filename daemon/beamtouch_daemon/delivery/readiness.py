@@ -1,4 +1,4 @@
-"""Whether the service takes the samples of a surface. Asks without sending a sample, so no answer of it changes."""
+"""Asks the service if it takes the samples of a surface, without sending one, so that no answer of it changes."""
 
 from typing import Literal, NamedTuple
 
@@ -9,7 +9,7 @@ from beamtouch_daemon.delivery.client import INVALID_REQUEST, ServiceClient, Unr
 
 
 class _Summary(BaseModel):
-    """What counts here of the service's summary of a surface."""
+    """The members of the service's summary of a surface that are used here."""
 
     channels: list[str]
     """Channels that the model needs."""
@@ -20,7 +20,7 @@ class _Summary(BaseModel):
 
 
 class _Contact(BaseModel):
-    """What counts here of the service's answer to `GET /contact`."""
+    """The members of the answer to `GET /contact` that are used here."""
 
     state: Literal["clear", "contact", "unexplained"]
     position_mm: float | None
@@ -28,13 +28,13 @@ class _Contact(BaseModel):
 
 
 class _Model(BaseModel):
-    """What counts here of the service's answer to `GET /surfaces/NAME/model`."""
+    """The members of the answer to `GET /surfaces/NAME/model` that are used here."""
 
     calibration: dict[str, object] | None
 
 
 class Readiness(NamedTuple):
-    """Whether the service takes the samples of a surface, and whether they belong to its model."""
+    """The service's answer to the question if it takes the samples of a surface, and if they belong to its model."""
 
     refusal: str | None = None
     """Reason why it does not take them; None: it takes them."""

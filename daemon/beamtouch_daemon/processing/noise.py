@@ -79,7 +79,7 @@ class ChannelNoise:
     step_mm: float
     """Step of the readings, or of the conversions in them if these hide the noise; 0 where floats show none."""
     is_rounded: bool
-    """Whether the steps hide the noise: then no mean of readings comes closer than the rounding."""
+    """True if the steps hide the noise: then no mean of readings comes closer than the rounding."""
     longest_run: int
     """Largest number of equal counts in a row."""
     mean_run: float
@@ -89,12 +89,12 @@ class ChannelNoise:
 
     @property
     def is_repeated(self) -> bool:
-        """Whether counts repeat more often than steps make them."""
+        """True if counts repeat more often than steps make them."""
         return not self.is_rounded and self.mean_run >= REPEATED
 
     @property
     def is_coloured(self) -> bool:
-        """Whether filtered values scatter clearly more than those of white readings."""
+        """True if filtered values scatter clearly more than those of white readings."""
         return self.effective_noise_mm > COLOURED * self.noise_mm
 
 

@@ -32,7 +32,7 @@ class RateMeter:
         self.measured_hz: float | None = None
         """Result of the last measurement; None before the first."""
         self.fits = True
-        """Whether the rate is the configured one, as far as is known."""
+        """True if the rate is the configured one, as far as is known."""
         self._configured_hz = configured_hz
         self._is_polled = is_polled
         self._failed_hz = 0.0

@@ -85,9 +85,9 @@ class Acquisition:
         self._sampled_s = -math.inf
         """Time of the newest reading that became a sample, by the clock of `uptime_s`."""
         self._rests = False
-        """Whether nothing happens, as the debug log says."""
+        """True if nothing happens, as the debug log says."""
         self._is_far = self._is_hurried = False
-        """Whether zeros are far from the last tare, as it was logged."""
+        """True if zeros are far from the last tare, as it was logged."""
         self._unprocessed: list[Reading] = []
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
         self._arrived = asyncio.Event()
@@ -97,7 +97,7 @@ class Acquisition:
 
     @property
     def kept(self) -> Kept | None:
-        """What to keep of its zeros over a restart; None if nothing is known of them."""
+        """Its zeros, to be kept over a restart; None if nothing is known of them."""
         return kept_of(self.boot.log.head.characteristic, self._pipeline.rested, self._pipeline.last_s)
 
     def hangs(self, now_s: float) -> bool:

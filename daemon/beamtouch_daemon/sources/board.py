@@ -65,7 +65,7 @@ class BoardLine:
 
     @property
     def seen(self) -> str:
-        """What came through the port instead of messages; empty if any came lately."""
+        """Description of the bytes that came through the port instead of messages; empty if any came lately."""
         return self._port.traffic.describe(uptime_s())
 
     def tell(self, message: Message) -> None:
@@ -128,7 +128,7 @@ class Session:
 
     def __init__(self, hello: Hello, indices: tuple[int, ...]) -> None:
         self.knows_the_clocks = False
-        """Whether there was a round trip."""
+        """True if there was a round trip."""
         self._hello = hello
         self._indices = indices
         self._sequence: int | None = None

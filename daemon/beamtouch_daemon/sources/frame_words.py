@@ -1,4 +1,4 @@
-"""What came through a Modbus line, in words for the debug log. Pure."""
+"""Names the bytes of a Modbus line, for the debug log. Pure."""
 
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_frames import READ_FUNCTIONS, answers_of

@@ -63,14 +63,14 @@ class TcpLink:
         self._transaction = 0
         self._stream: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
         self._received = b""
-        """What came since the newest request and is no whole frame."""
+        """Bytes since the newest request that are no whole frame."""
         self._mismatch = ""
         """Why the frames that came since then are no answer to it; empty if none came."""
         self._has_answered = False
         self._looks_again_s = -math.inf
         """When the device may be asked in RTU frames."""
         self._answers_in_rtu = False
-        """Whether it did so last time."""
+        """True if it did so last time."""
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:

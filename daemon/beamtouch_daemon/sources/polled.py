@@ -35,7 +35,7 @@ class Link(Protocol):
     rest_s: float
     """Pause before a unit that does not answer is tried again."""
     requests: Requests
-    """What has become of the requests."""
+    """Outcomes of the requests."""
 
     @property
     def boots_until_s(self) -> float:
@@ -44,7 +44,7 @@ class Link(Protocol):
 
     @property
     def seen(self) -> str:
-        """What came instead of answers; empty if that is not known."""
+        """Description of the bytes that came instead of answers; empty if that is not known."""
         ...
 
     @property
@@ -84,7 +84,7 @@ class Part:
         self.refusal = ""
         """Why some of the registers are missing from the last answers; empty if none are."""
         self.may_boot = False
-        """Whether the unit could still boot when it failed last."""
+        """True if the unit could still boot when it failed last."""
         self._blocks = blocks
         self._failures = 0
         """Failed slots in a row."""
@@ -92,7 +92,7 @@ class Part:
 
     @property
     def is_given_up(self) -> bool:
-        """Whether the unit is left out of the slots."""
+        """True if the unit is left out of the slots."""
         return self._failures >= GIVEN_UP_AFTER
 
     def revive(self) -> None:
@@ -154,7 +154,7 @@ class PolledSource:
 
     def __init__(self, name: str, parts: Sequence[Part], channels: int, rate_hz: float) -> None:
         self.requests = {part.link.name: part.link.requests for part in parts}
-        """What has become of the requests, by the name of the unit."""
+        """Outcomes of the requests, by the name of the unit."""
         self._parts = tuple(parts)
         self._channels = channels
         self._rate_hz = rate_hz

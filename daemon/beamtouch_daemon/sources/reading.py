@@ -72,7 +72,7 @@ class Source(Protocol):
 
     @property
     def requests(self) -> Mapping[str, Requests]:
-        """What has become of the requests to each unit, by its name; none if the device sends by itself."""
+        """Outcomes of the requests to each unit, by its name; none if the device sends by itself."""
         ...
 
     def readings(self) -> AsyncGenerator[list[Reading], None]:

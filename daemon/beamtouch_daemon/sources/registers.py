@@ -49,7 +49,7 @@ class Answer(NamedTuple):
 
     @property
     def may_pass(self) -> bool:
-        """Whether it is a refusal that may pass."""
+        """True if it is a refusal that may pass."""
         return self.exception not in (0, *LASTING)
 
 
@@ -87,7 +87,7 @@ class Value:
 
     @property
     def swaps_bytes(self) -> bool:
-        """Whether the two bytes of each register are swapped."""
+        """True if the two bytes of each register are swapped."""
         return self.byte_order in {"BADC", "DCBA"}
 
     def decode(self, contents: Mapping[int, int]) -> float | None:

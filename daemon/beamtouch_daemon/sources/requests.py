@@ -27,7 +27,7 @@ class Failure(StrEnum):
     LATE = "late"
     """Its answer came after the timeout."""
     DAMAGED = "damaged"
-    """What came was no intact answer."""
+    """Bytes came, but no intact answer."""
     FOREIGN = "foreign"
     """An answer to another request, or of another unit."""
     CLOSED = "closed"
@@ -72,7 +72,7 @@ _WORDS = {
 
 
 class Requests:
-    """What has become of the requests to one unit."""
+    """Outcomes of the requests to one unit."""
 
     def __init__(self) -> None:
         self.asked = 0

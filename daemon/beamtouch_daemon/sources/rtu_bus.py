@@ -79,7 +79,7 @@ class RtuLink:
             return (COPIES,)
         unprovable = (
             f"{self.name} answers only requests for its values, so a late answer looks like a new one. After a missing "
-            f"answer it is left alone for {forgotten_s(self._timeout_s):g} s; an answer that comes even later counts "
+            f"answer it is not polled for {forgotten_s(self._timeout_s):g} s; an answer that comes even later counts "
             "as a new one."
         )
         return unprovable, COPIES
@@ -91,7 +91,7 @@ class RtuLink:
 
     @property
     def seen(self) -> str:
-        """What came through the port instead of answers; empty if any came lately."""
+        """Description of the bytes that came through the port instead of answers; empty if any came lately."""
         return self._way.line.port.traffic.describe(uptime_s())
 
     @asynccontextmanager

@@ -114,7 +114,7 @@ class Unit:
 
     @property
     def is_unprovable(self) -> bool:
-        """Whether the unit has fewer than two probes, so that only a pause separates late answers from new ones."""
+        """True if the unit has fewer than two probes, so that only a pause separates late answers from new ones."""
         return self._probes is not None and len(self._probes) < PROBES
 
     def will_be_asked(self, blocks: Collection[Block]) -> None:
@@ -217,5 +217,5 @@ class Unit:
         left_s = self._asked_s + silence_s - self._clock()
         if left_s > 0 and self._owed < Owed.UNKNOWN:
             reason = "so that no late answer counts as a new one"
-            raise NoAnswerError(f"unit {self.address} is left alone for {silence_s:g} s, {reason}")
+            raise NoAnswerError(f"unit {self.address} is not polled for {silence_s:g} s, {reason}")
         await asyncio.sleep(max(0.0, left_s))

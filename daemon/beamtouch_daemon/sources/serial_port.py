@@ -34,7 +34,7 @@ _ADVICE = {
     errno.ENOENT: "plug the device in or correct the path",
     errno.EACCES: "this user needs the right to use it, usually as a member of the group dialout",
 }
-"""What to do, by the number of the error."""
+"""Advice, by the number of the error."""
 
 
 class LineSettings(NamedTuple):
@@ -55,7 +55,7 @@ class SerialPort:
         self.taken_s = uptime_s()
         """When bytes were last taken, by the clock of `uptime_s` [s]: those had arrived by then."""
         self.traffic = Traffic(self.taken_s)
-        """What came through it, as those note it who decode the line."""
+        """The bytes that came through it, as noted by the decoders of the line."""
         self._changed = asyncio.Event()
         self._device = device
 

@@ -50,28 +50,28 @@ class CourseState(BaseModel):
     steps: int
     """Number of steps. Once `step` has reached it, the result can be confirmed."""
     stage: Stage | None
-    """What the step awaits; null once every step is done."""
+    """The step's awaited action; null once every step is done."""
     held: float
-    """Which part of the time has passed for which a press must be held, 0 to 1."""
+    """Fraction of the hold time that has elapsed, 0 to 1."""
     at_mm: float | None
-    """Where to press now."""
+    """The place to press now."""
     prompt: str
-    """What to do now, in words."""
+    """Instruction for the current step."""
     report: Report
     """The result so far."""
 
 
 class CommissioningState(BaseModel):
-    """Whether a commissioning of a surface is under way, and how far it is."""
+    """The progress of a surface's commissioning, if one is under way."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     course: CourseState | None
     """Null if none is under way."""
     ended: str | None
-    """Why the last one ended without a result; null if it did not, or the service was started anew."""
+    """Why the last one ended without a result; null if it did not, or the service was restarted."""
     lasting: bool
-    """Whether results outlive the service. Without a file or a database for events they do not."""
+    """True if results outlive the service. Without a file or a database for events they do not."""
 
 
 class CommissioningList(BaseModel):

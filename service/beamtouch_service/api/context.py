@@ -64,7 +64,7 @@ class Context:
     missing: dict[str, str] = field(default_factory=dict)
     """Section of the configuration -> why its address or broker is not there, empty while it is."""
     parts: Parts = field(default_factory=lambda: Parts(logging.getLogger(__name__)))
-    """What works beside the routes."""
+    """The parts that run beside the routes."""
 
     def reasons(self) -> dict[str, str]:
         """Return `missing`, with the record of events, and with the parts that fail."""

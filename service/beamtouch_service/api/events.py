@@ -109,7 +109,7 @@ class Stay(BaseModel):
     force_low_n: float | None
     force_high_n: float | None
     unsteady: bool
-    """Whether these figures stand on unsteady samples."""
+    """True if these figures stand on unsteady samples."""
 
 
 class Event(BaseModel):
@@ -143,9 +143,9 @@ class Event(BaseModel):
     mean_position_high_mm: float | None
     """Upper end of the 95 % interval of this mean."""
     min_position_mm: float | None
-    """Where a load that moves was farthest left; of one that lies still, its position."""
+    """The leftmost position of a load that moves; of one that lies still, its position."""
     max_position_mm: float | None
-    """Where a load that moves was farthest right."""
+    """The rightmost position of a load that moves."""
     mean_force_n: float | None
     """Mean force of the load over its time, without the ramps of touch and lift; null if the model does not estimate
     force. Times `dwell_ms`, it is the impulse."""
@@ -166,7 +166,7 @@ class Event(BaseModel):
     unsteady_samples: int
     """How many of them were unsteady."""
     unsteady: bool
-    """Whether the figures stand on unsteady samples. Their intervals hold all the same."""
+    """True if the figures stand on unsteady samples. Their intervals hold all the same."""
     quality: ContactQuality
     """`degraded` if at least one sample lacked channels."""
     model: str

@@ -32,7 +32,7 @@ _MM_DIGITS, _SHARE_DIGITS, _FORCE_DIGITS = 5, 3, 2
 
 
 class Stated(NamedTuple):
-    """What the surface says of a sample."""
+    """The surface's decision on a sample."""
 
     state: State | None
     figures: Figures = NO_FIGURES
@@ -66,7 +66,7 @@ class Course:
         self._presses: dict[int, Press] = {}
         """Sensor -> the press above it."""
         self._seen_held = Stated(None)
-        """What the surface said of the press that awaits its lift."""
+        """The surface's decision on the press that awaits its lift."""
         self._bad_held: dict[str, Quality] = {}
         """Channels that were not good in it."""
         self._bad: dict[str, Quality] = {}
@@ -81,29 +81,29 @@ class Course:
 
     @property
     def is_done(self) -> bool:
-        """Whether every step is done."""
+        """True if every step is done."""
         return self.step >= self.steps
 
     @property
     def stage(self) -> Stage | None:
-        """What the current step awaits; None once every step is done."""
+        """The awaited action of the current step; None once every step is done."""
         return None if self.is_done else self._finder.stage
 
     @property
     def held(self) -> float:
-        """Which part of the time has passed for which the press must be held, 0 to 1."""
+        """Fraction of the hold time that has elapsed, 0 to 1."""
         return self._finder.held
 
     @property
     def at_mm(self) -> float | None:
-        """Where to press now; None once every step is done."""
+        """The place to press now; None once every step is done."""
         report = self.report
         places = [sensor.at_mm for sensor in report.sensors] + [place.at_mm for place in report.places]
         return None if self.is_done else places[self.step]
 
     @property
     def prompt(self) -> str:
-        """What to do now."""
+        """Instruction for the current step."""
         if self.is_done:
             return "Every step is done. Read the verdict, and put it on record."
         if self._finder.stage is Stage.REST:

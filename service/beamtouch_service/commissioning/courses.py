@@ -1,4 +1,4 @@
-"""The commissionings that are under way, one a surface at most, in memory: a service that is started anew has none."""
+"""The commissionings that are under way, one a surface at most, in memory: a service that was restarted has none."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -63,7 +63,7 @@ class Courses:
         """Return the course of a surface; raises ProblemError unless it is this one, at this step."""
         course = self._courses.get(surface)
         if course is None:
-            detail = self._ended.get(surface) or "It has been confirmed or abandoned, or the service was started anew."
+            detail = self._ended.get(surface) or "It has been confirmed or abandoned, or the service was restarted."
             raise ProblemError(Problem(Kind.NO_COMMISSIONING, detail, surface))
         if course.id != course_id:
             raise ProblemError(_other(surface, "Another one was begun meanwhile. Look at its state first."))

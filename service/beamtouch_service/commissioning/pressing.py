@@ -35,7 +35,7 @@ not call it clear. A person who is told to lift, or to take everything off, does
 
 
 class Stage(StrEnum):
-    """What is awaited."""
+    """The awaited action."""
 
     REST = "rest"
     """That nothing touches the beam."""
@@ -101,9 +101,9 @@ class PressFinder:
         self._reading_mm, self._pause_us = reading_mm, pause_us
         self._window = deque[_Entry]()
         self._rest_mm = self._noise_mm = np.zeros(0)
-        """Where the channels rested, and the standard deviation of their values there, that of a reading at least."""
+        """Rest values of the channels, and their standard deviations, each at least that of a reading."""
         self._first_rest_mm = self._rest_mm
-        """Where the channels rested when the current press began to be awaited."""
+        """Rest values of the channels when the current press began to be awaited."""
         self._movement: Movement | None = None
         """That of the press which awaits its lift."""
         self._pressed = 0.0
@@ -113,13 +113,13 @@ class PressFinder:
 
     @property
     def held(self) -> float:
-        """Which part of the time has passed for which a press must be held, 0 to 1."""
+        """Fraction of the hold time that has elapsed, 0 to 1."""
         if self.stage is not Stage.HOLD or not self._window:
             return 0.0
         return min(1.0, (self._window[-1].at_us - self._window[0].at_us) / HOLD_US)
 
     def forget(self) -> None:
-        """Begin anew, as with another sender, whose rest may be another."""
+        """Start over, as with another sender, whose rest may be another."""
         self.stage = Stage.REST
         self._clear()
 

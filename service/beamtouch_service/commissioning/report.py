@@ -10,7 +10,7 @@ from beamtouch_service.samples import Quality
 
 
 class Finding(StrEnum):
-    """What presses show of a sensor."""
+    """Findings of the presses on a sensor."""
 
     RIGHT = "right"
     """Its channel moves as it should."""
@@ -37,7 +37,7 @@ class SensorResult(_Part):
 
     name: str
     at_mm: float
-    """Where to press: the sensor's place, or the nearest one at which the model knows contacts."""
+    """The place to press: the sensor's own, or the nearest one at which the model knows contacts."""
     finding: Finding | None = None
     """Null until it has been pressed."""
     says: str = ""
@@ -58,7 +58,7 @@ class PlaceResult(_Part):
     """A marked place, and what the surface said of the press there."""
 
     at_mm: float
-    """Where to press."""
+    """The place to press."""
     state: State | None = None
     """State of the surface during the press; null without one."""
     position_mm: float | None = None

@@ -24,7 +24,7 @@ _DEAD = "does not move"
 
 
 class Found(NamedTuple):
-    """What presses show of one sensor."""
+    """Findings of the presses on one sensor."""
 
     finding: Finding
     says: str

@@ -43,7 +43,7 @@ class Press(NamedTuple):
     """A press at a place of the beam."""
 
     at_mm: float
-    """Where it should be."""
+    """The channel's place in the layout."""
     moved_mm: Floats
     """How each channel moved (channels,), from rest, positive in the direction of the load; NaN for one that had
     mostly no values: nothing is known of it then."""
@@ -52,7 +52,7 @@ class Press(NamedTuple):
 
 
 class Wiring(NamedTuple):
-    """What each channel has."""
+    """The sensor on each channel."""
 
     sensors: tuple[int, ...]
     """Index of the sensor whose movement the channel shows."""
@@ -72,7 +72,7 @@ class Explanation(NamedTuple):
     rivals: list[Wiring]
     """Others that explain them about as well."""
     is_explained: bool
-    """Whether it explains every press, with a gain of its own for each channel."""
+    """True if it explains every press, with a gain of its own for each channel."""
     forces_n: list[float]
     """Force of each press."""
     shares: Floats
@@ -132,10 +132,10 @@ class _Fit:
         weight = np.isfinite(press.moved_mm) / self.deviation_mm
         moved = np.nan_to_num(press.moved_mm) * weight
         self._square = moved @ moved + REACH**2
-        """What is left of the press without any force, and how unlikely its place is (places,)."""
+        """The squares that a press leaves without any force, plus the improbability of its place (places,)."""
         expected = self._per_newton[:, None] * weight[:, None]
         self._along, self._own = expected * moved[:, None], expected**2
-        """What each channel adds to m.g and g.g with each sensor (places, channels, sensors)."""
+        """The terms that each channel adds to m.g and g.g with each sensor (places, channels, sensors)."""
 
     def best(self, wiring: Wiring) -> _Best:
         """Return how one wiring fits the press."""

@@ -31,7 +31,7 @@ class RecordTime(NamedTuple):
 
 @dataclass(frozen=True)
 class Watch:
-    """What one service has seen of the wall clock that the record goes by."""
+    """One service's view of the wall clock that the record goes by."""
 
     keep_s: float
     """Age at which events are deleted."""

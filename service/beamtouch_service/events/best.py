@@ -30,7 +30,7 @@ class Best:
     at_us: int
     """Time of the sample, by the sender's clock [us since 1970]."""
     is_contact: bool
-    """Whether a single contact explains it. If none explains any sample of the event, the best of all is kept."""
+    """True if a single contact explains it. If none explains any sample of the event, the best of all is kept."""
     readings: int
     characteristic: str | None
     """Identity of the sender's characteristics and rest gaps; None if it states none."""

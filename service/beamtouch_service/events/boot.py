@@ -83,17 +83,17 @@ class Boot:
 
     @property
     def is_dirty(self) -> bool:
-        """Whether something is not durable."""
+        """True if something is not durable."""
         return self.expected > self.durable + 1 or bool(self._changed)
 
     @property
     def has_ended(self) -> bool:
-        """Whether an event ended that is not durable as it is now."""
+        """True if an event ended that is not durable as it is now."""
         return any(event.event.end is not End.OPEN for event in self._changed)
 
     @property
     def has_room(self) -> bool:
-        """Whether it can take another sample."""
+        """True if it can take another sample."""
         return self.expected - self.durable <= MAX_WAITING
 
     def change(self) -> BootChange:

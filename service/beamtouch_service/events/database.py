@@ -46,7 +46,7 @@ class Connections:
         self.engine = engine
         self._lock, self._identify, self._on_replaced = lock or nullcontext(), identify, on_replaced
         self._opened: object = None
-        """What the connections are of."""
+        """The database of the connections, as messages name it."""
 
     @contextmanager
     def use(self) -> Iterator[Connection]:

@@ -65,7 +65,7 @@ class ChannelDoubt(BaseModel):
     misfit_without: float | None
     """Misfit of the best single contact without this channel; null where too few channels would be left."""
     explained_without: bool
-    """Whether rest or a single contact explains all other channels."""
+    """True if rest or a single contact explains all other channels."""
 
 
 class Contradiction(BaseModel):
@@ -121,11 +121,11 @@ class Event:
     unexplained_us: int = 0
     """Time from each unexplained sample to the next sample, up to the last one."""
     ends_unexplained: bool = False
-    """Whether the last sample is unexplained."""
+    """True if the last sample is unexplained."""
     degraded: bool = False
     """At least one sample lacked channels or could not be decided."""
     unsteady: bool = False
-    """Whether the figures stand on unsteady samples."""
+    """True if the figures stand on unsteady samples."""
     path: list[list[float]] = field(default_factory=list)
     """The stays of the load, as `Load.path`; empty if it was read without."""
     best: dict[str, Any] | None = None

@@ -17,7 +17,7 @@ _LEAST_EVENTS, _LEAST_S = 100, 3600.0
 
 
 class Pace(NamedTuple):
-    """What an event of a record takes, and how often one comes."""
+    """The size of an event on record, and how often one comes."""
 
     event_bytes: float
     every_s: float

@@ -39,22 +39,22 @@ class StoredHealth:
 
 
 class HealthHistory:
-    """What the best samples of a surface add up to since its baseline began."""
+    """Sums of the best samples of a surface since its baseline began."""
 
     def __init__(self, surface: str, model: ModelFile, stored: StoredHealth) -> None:
         """Go on from what is on record, if the same model made it."""
         self._surface, self.model = surface, model
         self.stored = stored
-        """What is durable."""
+        """The durable sums."""
         self.next: StoredHealth | None = None
-        """What should be; None if all is."""
+        """The sums that are to become durable; None if all are."""
         self._begin()
         if stored.model == model.identity:
             try:
                 self._health = Health(model.metadata, stored.history())
                 self._characteristic, self._newest_us = stored.characteristic, stored.newest_us
             except ValueError as error:
-                _log.warning("surface %s: its health begins anew: %s", surface, error)
+                _log.warning("surface %s: its health starts over: %s", surface, error)
         self.state = self._describe()
         """The health so far."""
 
@@ -74,7 +74,7 @@ class HealthHistory:
                 if self._is_late(best):
                     continue
                 if self._health.contacts or added:
-                    words = "surface %s: another characteristic or tare; the health of its sensors begins anew"
+                    words = "surface %s: another characteristic or tare; the health of its sensors starts over"
                     _log.info(words, self._surface)
                 self._begin(best.characteristic, self._newest_us)
                 added = []

@@ -38,9 +38,9 @@ class Sighting(NamedTuple):
     """Time of its oldest reading."""
     spans: Spans
     knows: float
-    """What it knows: the trace of the inverse of its covariance [1/mm^2]."""
+    """Its information: the trace of the inverse of its covariance [1/mm^2]."""
     is_shown: bool
-    """Whether this sample alone shows a contact. One after the lift, or while the beam still swings far, does not."""
+    """True if this sample alone shows a contact. One after the lift, or while the beam still swings far, does not."""
     is_unsteady: bool
 
 
@@ -79,7 +79,7 @@ class Stay(NamedTuple):
     """From the touch to its begin."""
     lasts_us: int
     is_unsteady: bool
-    """Whether its figures stand on unsteady samples."""
+    """True if its figures stand on unsteady samples."""
     spans: Spans
 
     @classmethod
@@ -118,7 +118,7 @@ class NewestStay:
     begin_us: float
     end_us: float
     common: list[tuple[float, float]]
-    """What the intervals of its samples have in common."""
+    """The error that the intervals of its samples have in common."""
     best: Spans
     """The figures of the sample that knows most."""
     best_us: int
@@ -180,7 +180,7 @@ class NewestStay:
 
     @property
     def _lay_still(self) -> bool:
-        """Whether the means are within the intervals of the best sample.
+        """True if the means are within the intervals of the best sample.
 
         Those of a load that slides slowly are not, though its samples have something in common.
         """
@@ -225,7 +225,7 @@ class LoadFigures:
     most_mm: float
     """From where to where it was."""
     is_unsteady: bool
-    """Whether all of them stand on unsteady samples."""
+    """True if all of them stand on unsteady samples."""
 
 
 class Load:
@@ -247,7 +247,7 @@ class Load:
 
     @property
     def memory(self) -> dict[str, Any] | None:
-        """What it needs beside its path to go on, as JSON; None before the first sample."""
+        """The state that it needs beside its path to go on, as JSON; None before the first sample."""
         return asdict(self._newest) if self._newest else None
 
     def add(self, seen: Sighting) -> None:

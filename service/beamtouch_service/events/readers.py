@@ -36,7 +36,7 @@ class TooManyReadersError(Exception):
 
 
 class Reader:
-    """What a query gets: rows of the record, and a pace. For one thread."""
+    """The access of a query to the record: its rows, and a pace. For one thread."""
 
     def __init__(self, database: Database) -> None:
         self._database = database

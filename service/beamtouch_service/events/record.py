@@ -13,9 +13,9 @@ from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.surface import Surface
 
 LATE_S = 3.0
-"""What nobody waits for becomes durable this late, as each commit writes at least one page of the disk. With one commit
-a second, a sample is durable after at most 4 s. A daemon writes what is not durable after 5 s (its `MEMORY_S`) to a
-disk of its own: one second is left for the commit and for the receipt that tells the daemon."""
+"""Data that nobody waits for become durable this late, as each commit writes at least one page of the disk. With one
+commit a second, a sample is durable after at most 4 s. A daemon writes what is not durable after 5 s (its `MEMORY_S`)
+to a disk of its own: one second is left for the commit and for the receipt that tells the daemon."""
 
 
 class SurfaceRecord:
@@ -26,7 +26,7 @@ class SurfaceRecord:
         self.lost = 0
         """Samples that their sender no longer had."""
         self._is_urgent = False
-        """Whether somebody waits for the next commit."""
+        """True if somebody waits for the next commit."""
         self._changed_s = -inf
         """When the last change was taken [s, monotonic]."""
         self._health = health

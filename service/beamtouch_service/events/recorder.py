@@ -51,7 +51,7 @@ class Recorder:
     def __init__(self, events: EventsSection = _DEFAULTS, *, replica: bool = False) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
         self.is_replica = replica
-        """Whether other services have the samples of some surfaces."""
+        """True if other services have the samples of some surfaces."""
         self.store, self.retention = Store(events), Retention(events)
         self.races = 0
         """Times that another service had written what this one was about to write."""

@@ -31,7 +31,7 @@ class Deleted(NamedTuple):
     old: int
     """Older than `keep_days`."""
     are_more_old: bool
-    """Whether there are more of these, which stay until the next time."""
+    """True if there are more of these, which stay until the next time."""
     oversize: int
     """The oldest ones of a record above `max_mb`."""
 

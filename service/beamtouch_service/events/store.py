@@ -65,7 +65,7 @@ class Cursor:
 
 @dataclass(frozen=True)
 class BootChange:
-    """What the samples of one boot since its last change add to the record."""
+    """The additions to the record by the samples of one boot since its last change."""
 
     boot_id: str
     version: int
@@ -80,7 +80,7 @@ class BootChange:
 
 @dataclass(frozen=True)
 class Change:
-    """What is to become durable of one surface."""
+    """The changes of one surface that are to become durable."""
 
     surface: str
     boots: list[BootChange]
@@ -90,7 +90,7 @@ class Change:
 
     @property
     def has_ended(self) -> bool:
-        """Whether events ended."""
+        """True if events ended."""
         return any(row["end"] is not End.OPEN for boot in self.boots for _, _, row in boot.events)
 
 
@@ -116,7 +116,7 @@ class Store:
     def __init__(self, events: EventsSection) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError."""
         self.is_lasting = bool(events.url or events.file)
-        """Whether the record outlives the service."""
+        """True if the record outlives the service."""
         self.database = open_database(events.url or events.file)
 
     @property

@@ -104,7 +104,7 @@ HEALTH_BLOCKS = Table(
     Column("number", Integer, primary_key=True),
     Column("block", JSON, nullable=False),
 )
-"""What the best samples add up to since the baseline of a surface began: a row per `health.BlockKey`."""
+"""Sums of the best samples since the baseline of a surface began: a row per `health.BlockKey`."""
 TIME = Table("time", _ALL, Column("passed_s", Double, nullable=False), Column("clock_s", Double))
 """One row: the time of the record, as `ageing.RecordTime`."""
 DESTINATIONS = Table("destinations", _ALL, Column("name", String, primary_key=True))

@@ -26,7 +26,7 @@ class Writer:
 
     @property
     def is_away(self) -> bool:
-        """Whether the database takes nothing."""
+        """True if the database takes nothing."""
         return bool(self._reason)
 
     @property

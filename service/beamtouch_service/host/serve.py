@@ -38,7 +38,7 @@ Tasks = Mapping[str, Task]
 
 
 class Server(uvicorn.Server):
-    """Says when it listens, and when it begins to stop."""
+    """Calls hooks at startup and shutdown."""
 
     def __init__(self, config: uvicorn.Config, on_start: Callable[[], None], on_stop: Callable[[], None]) -> None:
         super().__init__(config)

@@ -48,7 +48,7 @@ class Parts:
     keepers: list[ModelKeeper]
     outputs: list[Output]
     warnings: list[str]
-    """What works, but may not be meant."""
+    """Warnings: settings that work, but may not be meant."""
 
 
 def prepare(settings: Settings) -> Parts:
@@ -99,7 +99,7 @@ def run(settings: Settings, levels: Iterable[log.Level] = ()) -> None:
 
 
 def report(settings: Settings, *, as_json: bool) -> str:
-    """Return what a service with these settings would serve, and what may not be meant; errors as of `prepare`."""
+    """Return what a service would serve, with warnings; raises what `prepare` raises."""
     parts = prepare(settings)
     found = {one.name: one.model_error or (one.model.identity if one.model else None) for one in parts.surfaces}
     days, limits = forecast.describe(settings.events)

@@ -35,4 +35,4 @@ class Output:
     run: Callable[[Context], Coroutine[Any, Any, None]]
     """Serves one application until cancelled."""
     warnings: list[str]
-    """What works, but may not be meant."""
+    """Warnings: settings that work, but may not be meant."""

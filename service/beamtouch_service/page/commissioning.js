@@ -8,7 +8,7 @@ import { possible, refuses } from "./token.js";
 
 const EVERY_MS = 300;
 const ASK_MS = 20_000; // a record that is away may take that long to say so
-const GONE = "The service was started anew, or somebody ended this commissioning. Begin again.";
+const GONE = "The service was restarted, or somebody ended this commissioning. Begin again.";
 const LOST = "The service does not answer. Trying again.";
 const MEMORY = "This service keeps its record in memory only: download the result before it stops.";
 const INTRODUCTION =

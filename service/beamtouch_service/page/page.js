@@ -53,7 +53,7 @@ function surfacesKnown() {
   chooser.hidden = !several || names.length === 0;
   setText(byId("surface"), chooser.hidden ? (feed.chosen ?? "") : "");
   nameModel(feed.surface?.model ?? null);
-  drawing.forget(); // a service that was started anew may have other zones
+  drawing.forget(); // a service that was restarted may have other zones
   setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
   byId("contact-link").href = feed.chosen ? `contact?surface=${encodeURIComponent(feed.chosen)}` : "contact";
   events.follow(feed.surface?.name);

@@ -105,7 +105,7 @@ class ChannelsOut:
 
     @property
     def any(self) -> bool:
-        """Whether a channel is out."""
+        """True if a channel is out."""
         return any(spell.is_out for spell in self._spells.values())
 
     def add(self, unix_us: int, bad: Mapping[str, Quality], passed_s: float) -> None:
@@ -128,7 +128,7 @@ class ChannelsOut:
         return changes
 
     def forget(self) -> None:
-        """Begin anew, as with another model, which may have other channels."""
+        """Start over, as with another model, which may have other channels."""
         self._spells.clear()
 
     def _worsen(self, name: str, quality: Quality, unix_us: int, passed_s: float) -> None:

@@ -1,4 +1,4 @@
-"""Whether what samples state can be their covariances. Pure."""
+"""Checks that the covariances that samples state are possible. Pure."""
 
 import sys
 from collections.abc import Iterator, Sequence

@@ -46,7 +46,7 @@ class Estimator:
         """Call `on_run` after each run of the graph with the time that it took [s]."""
         self.model = model
         self.contradicts = False
-        """Whether the noise that the newest sender states contradicts the model; then the larger one counts."""
+        """True if the noise that the newest sender states contradicts the model; then the larger one counts."""
         self._surface, self._on_run = surface, on_run
         self._arranged: tuple[list[str], list[float] | None] | None = None
         """Channels and noise of the last batch: what follows from them is the same for the next one."""

@@ -47,16 +47,16 @@ _DOUBTS = frozenset({Note.OVERLOAD, Note.UNCHECKED, Note.SENDERS})
 
 
 class Past(NamedTuple):
-    """What the samples so far mean for the next one."""
+    """The memory of the samples so far, for the next one."""
 
     memories: tuple[Memory, ...]
-    """What they may have left; several while the state before the first of them still matters."""
+    """The memories that they may have left; several while the state before the first of them still matters."""
     is_known: bool = False
-    """Whether a state was known at any time."""
+    """True if a state was known at any time."""
     decided_us: int | None = None
     """Time of the last decided sample [us]; None if it is not known."""
     is_held: bool = False
-    """Whether the samples after that could not be decided, so that the state is held."""
+    """True if the samples after that could not be decided, so that the state is held."""
     zones: Mapping[str, Any] | None = None
     """The memory of the zones."""
 
@@ -85,11 +85,11 @@ class Decision(NamedTuple):
     held: State
     """The state, also for undecided samples that follow closely on a decided one."""
     is_certain: bool
-    """Whether the state does not depend on samples before the first one."""
+    """True if the state does not depend on samples before the first one."""
     is_odd: bool = False
-    """Whether neither rest nor a single contact explains the sample. The state follows only after several of them."""
+    """True if neither rest nor a single contact explains the sample. The state follows only after several of them."""
     is_unsteady: bool = False
-    """Whether position and force are less certain than those of a sample at rest."""
+    """True if position and force are less certain than those of a sample at rest."""
     figures: Figures = NO_FIGURES
     problem: Problem | None = None
     """Why it could not be decided."""
@@ -143,7 +143,7 @@ class Judge:
 
     @property
     def past(self) -> Past:
-        """What the samples so far mean for the next one."""
+        """The memory of the samples so far, for the next one."""
         state = self._hypotheses
         return Past(state.memories, state.is_known, self._decided_us, self._is_held, self._zones.memory)
 

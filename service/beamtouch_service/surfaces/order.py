@@ -14,7 +14,7 @@ MAX_RUNS = 1000
 """Runs without a gap to remember per sender. Beyond this, the oldest gap counts as lost for good."""
 RETURNS = 4
 """Times that a sender must come back after another one before there are two. A batch that was held up on its way when
-the sender was started anew comes back once."""
+the sender was restarted comes back once."""
 QUIET_S = 10.0
 """Without such a return for this long, or for several times the limit of age, there is one sender again."""
 
@@ -184,7 +184,7 @@ class Senders:
 class Rivals:
     """Notices that two daemons send samples of one surface at the same time.
 
-    A daemon that is started anew has a new boot id, and all samples of the old one are older than its first. So two
+    A restarted daemon has a new boot id, and all samples of the old one are older than its first. So two
     send if, in turn, each sends a sample that is newer than the first one of the other.
     """
 

@@ -25,12 +25,12 @@ from beamtouch_service.surfaces.unexplained import Stretches
 
 _DEFAULTS = SurfaceSection()
 SENDER_GONE_S = 10.0
-"""A daemon whose samples are refused tries again sooner than this; after it, samples are what is missing."""
+"""A daemon whose samples are refused tries again sooner than this; after that, the problem is missing samples."""
 
 
 @dataclass(slots=True)
 class Received:
-    """What becomes of a batch."""
+    """The outcome of a batch."""
 
     accepted: int
     """Samples that were new."""

@@ -37,7 +37,7 @@ class Stretches:
 
     @property
     def is_overdue(self) -> bool:
-        """Whether the current stretch lasts too long."""
+        """True if the current stretch lasts too long."""
         return self._length_s > self.after_s
 
     def add(self, decision: Decision, passed_s: float) -> None:

@@ -20,12 +20,12 @@ ZoneStates = dict[str, ZoneState | None]
 
 
 class Seen(NamedTuple):
-    """What a sample says of contacts."""
+    """The evidence of a sample on contacts."""
 
     at_us: int
     """Its time, by the same clock as that of the sample before [us]."""
     is_clear: bool = False
-    """Whether it shows that nothing touches the beam."""
+    """True if it shows that nothing touches the beam."""
     position: Span | None = None
     """Of a contact that can be judged; None without one."""
     force: Span | None = None
@@ -33,7 +33,7 @@ class Seen(NamedTuple):
 
 
 class ZoneReport(NamedTuple):
-    """What a sample shows of the zones."""
+    """The zones as a sample shows them."""
 
     answers: ZoneStates
     stays_us: Mapping[str, int]
@@ -56,7 +56,7 @@ class _Progress:
     """How long it has been in it without a break."""
     answer: ZoneState | None = None
     has_entered: bool = False
-    """Whether it was inside since it was outside last, or not known."""
+    """True if it was inside since it was outside last, or not known."""
 
     def step(self, seen: Seen, length_mm: float, passed_us: int) -> int | None:
         """Take the next sample; return the time that the contact has been inside more [us], None if it is not."""
@@ -105,7 +105,7 @@ class ZoneFollower:
 
     @property
     def memory(self) -> dict[str, Any]:
-        """What it needs to go on in another process, as JSON."""
+        """The state that it needs to go on in another process, as JSON."""
         kept = {
             name: [progress.zone.model_dump(), progress.lies, progress.inside_us, progress.answer, progress.has_entered]
             for name, progress in self._progress.items()

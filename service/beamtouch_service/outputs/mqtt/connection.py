@@ -32,7 +32,7 @@ REFUSED_RETRY_S = 30.0
 _LOOK_S = 1.0
 """Time between two looks of paho at its keepalive."""
 _UNSENT_BYTES = 4096
-"""What the system may hold of messages that it has not sent. Contacts grow old there, and nobody can take them out."""
+"""Unsent bytes that the system may hold. Contacts grow old there, and nobody can take them out."""
 _AT_LEAST_ONCE = 1
 _NO_MATCHING_SUBSCRIBERS = 0x10
 _CONNECT = 0
@@ -57,7 +57,7 @@ _WORDS = {
     "Protocol error": "its answers are not MQTT 5; are mqtt.host and mqtt.port those of a broker that speaks it?",
     "Session taken over": "another client has the same mqtt.client_id; each service needs a prefix of its own",
 }
-"""What the protocol says of a failure, and what the log says instead."""
+"""The protocol's words for a failure, and those of the log."""
 
 
 Answer = asyncio.Future[ReasonCode | None]

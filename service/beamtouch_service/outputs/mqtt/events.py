@@ -32,7 +32,7 @@ class EventSender:
         self._recorder = context.recorder
         self._destination = f"mqtt://{section.host}:{section.broker_port}/{section.prefix}"
         self._from_start = section.send_recorded_events
-        """Whether a new destination gets all events on record, or those from now on."""
+        """True if a new destination gets all events on record, or those from now on."""
         self._topics = topics
         self._sent = sent
         """Those that the broker acknowledged."""

@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 class Leftovers:
-    """What the broker keeps below one prefix, beside what is to be there."""
+    """Messages that the broker keeps below one prefix and that should not be there."""
 
     def __init__(self, topics: Topics, surfaces: list[str], descriptions: Mapping[str, bytes], where: str) -> None:
         """Take the surfaces that there are, their descriptions by topic, and what the log calls the broker."""
@@ -31,7 +31,7 @@ class Leftovers:
         self._wanted = {topics.status, *map(topics.surface_status, surfaces), *descriptions}
         self._where = where
         self._is_readable = False
-        """Whether the broker lets this service read its own messages."""
+        """True if the broker lets this service read its own messages."""
         self._losses = Counter[str]()
         """How often in a row the connection was lost over a topic: its subscription, or its removal."""
         self._said: set[str] = set()

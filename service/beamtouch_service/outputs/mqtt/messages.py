@@ -9,9 +9,9 @@ from paho.mqtt.properties import Properties
 
 JSON, TEXT = "application/json", "text/plain"
 ONLINE, OFFLINE = "online", "offline"
-"""What the status says: the service is connected to the broker, or not."""
+"""Texts of the status: the service is connected to the broker, or not."""
 READY = "ready"
-"""What the status of a surface says when it has a contact to give."""
+"""The status of a surface that has a contact to give."""
 OWNER = "beamtouch-service"
 """A property of each message that the broker keeps: the client identifier of the service that it is of."""
 _UTF_8 = 1
@@ -51,7 +51,7 @@ class Kept:
     owner: str | None
     """The client identifier of the service that it is of; None if it states none."""
     is_new: bool
-    """Whether it was sent just now, not before the subscription."""
+    """True if it was sent just now, not before the subscription."""
 
 
 def properties(content_type: str, stale_ms: float | None = None) -> Properties:

@@ -75,7 +75,7 @@ class Publisher:
         """Why there is no connection, as it was logged; empty while there is one, and if it was not logged."""
         self._repeated = Repeated(_log)
         self._is_announced = False
-        """Whether the log has the broker."""
+        """True if the log has the broker."""
         self._lost_s = monotonic()
 
     async def run(self) -> None:

@@ -124,12 +124,12 @@ class ReadOnlyServer(InternalServer):  # type: ignore[misc]  # mypy skips the ty
 
 @dataclass(frozen=True)
 class Security:
-    """What protects the server, as read from its files."""
+    """The protection of the server, as read from its files."""
 
     clients: Clients
     has_password: bool
     has_trusted: bool
-    """Whether only clients with certain certificates may connect."""
+    """True if only clients with certain certificates may connect."""
     own: tuple[Certificate, RSAPrivateKey] | None
     """Certificate and key; without them, connections are not encrypted."""
 

@@ -33,7 +33,7 @@ from beamtouch_service.surfaces.surface import Surface
 NAMESPACE = "urn:beamtouch"
 """The namespace of all nodes; a node is `NAME` or `NAME/variable`: no name of a surface has a slash."""
 APPLICATION = "urn:beamtouch:service"
-"""What the certificate of the server names."""
+"""The application that the certificate of the server names."""
 STOP_S = 1.0
 """Time for the clients to take their leave."""
 
