@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from beamtouch_models.design.building.daemon_config import daemon_config
     from beamtouch_models.design.layout import ErrorAlong, Layout
     from beamtouch_models.design.model import Model, load_model
-    from beamtouch_models.design.physics.beam import influence_matrix, interpolate_influence
+    from beamtouch_models.design.physics.beam import influence_matrix
     from beamtouch_models.design.physics.influence_function import InfluenceFunction
+    from beamtouch_models.design.physics.interpolation import interpolate_influence
     from beamtouch_models.design.physics.motion import frequency_hz
     from beamtouch_models.design.pricing.ringing import ringing_mm
     from beamtouch_models.design.scene import Scene, change_scene, format_scene, make_scene, read_scene
@@ -53,7 +54,8 @@ _HOMES = {
     "design.building.daemon_config": ("daemon_config",),
     "design.layout": ("ErrorAlong", "Layout"),
     "design.model": ("Model", "load_model"),
-    "design.physics.beam": ("influence_matrix", "interpolate_influence"),
+    "design.physics.beam": ("influence_matrix",),
+    "design.physics.interpolation": ("interpolate_influence",),
     "design.physics.motion": ("frequency_hz",),
     "design.physics.influence_function": ("InfluenceFunction",),
     "design.pricing.ringing": ("ringing_mm",),

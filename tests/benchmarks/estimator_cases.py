@@ -27,7 +27,8 @@ from beamtouch_models.design.estimators.estimator import estimator_of
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.estimators.posterior.cells import resolving_cells
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
-from beamtouch_models.design.physics.beam import influence_of, travel_of
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.physics.influence_function import travel_of
 from beamtouch_models.design.placement.placing import place
 from beamtouch_models.design.scene import Scene, load_scene
 from beamtouch_models.design.surface import resolve
@@ -86,7 +87,7 @@ def drawn_of(case: Case) -> tuple[Prior, Draws, Floats]:
     scene, layout = placed(case.scene, case.sensors)
     low, high = scene.contact.force_range_n
     low, high = OPEN_N if low == high else (low, high)
-    largest = travel_of(scene).largest_mm * high / scene.contact.force_range_n[1]
+    largest = travel_of(influence_of(scene)).largest_mm * high / scene.contact.force_range_n[1]
     contact = scene.contact.model_copy(update={"force_n": high if case.known else (low, high)})
     influence = influence_of(scene.model_copy(update={"contact": contact}))
     prior = Prior.of(influence, on_axis(np.array(layout)), Errors(largest * case.noise_percent / 100))

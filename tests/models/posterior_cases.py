@@ -10,7 +10,8 @@ from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
-from beamtouch_models.design.physics.beam import influence_of, travel_of
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.physics.influence_function import travel_of
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.error_model import Errors
@@ -29,7 +30,7 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
     force = (high, high) if known else (min(low, high / 10), high)
     contact = scene.contact.model_copy(update={"force_n": force})
     scene = scene.model_copy(update={"contact": contact})
-    noise_mm = travel_of(scene).largest_mm * noise_percent / 100
+    noise_mm = travel_of(influence_of(scene)).largest_mm * noise_percent / 100
     return Prior.of(influence_of(scene), on_axis(_positions_mm(name, sensors)), Errors(noise_mm))
 
 

@@ -45,7 +45,11 @@ range_mm = [1, 20]
     [
         ("fixed_mm = [4, 12]", PRODUCT, None),
         ("fixed_mm = [100, 180, 260]", ("--criterion", "position-error"), None),
-        ("fixed_mm = [3.9]", PRODUCT, "fixed_mm has 3.9 mm, where a housing of size_mm = 8 reaches beyond the end of"),
+        (
+            "fixed_mm = [3.9]",
+            PRODUCT,
+            "where a housing of size_mm = 8 reaches beyond the end at 0 mm",
+        ),
         ("fixed_mm = [0, 290]\nsize_mm = 0", PRODUCT, None),
         ("fixed_mm = [300]\nsize_mm = 0", PRODUCT, "a housing of size_mm = 0 stands on the support at 300 mm"),
         ("fixed_mm = [100, 107]\nsize_mm = 7", PRODUCT, None),

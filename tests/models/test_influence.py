@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 from beamtouch_models import influence_matrix
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics.beam import travel_of
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.physics.influence_function import travel_of
 from beamtouch_models.design.scene import parse_scene
 from beamtouch_models.design.scene.beam import Beam, changed_beam
 from beamtouch_models.errors import SceneError
@@ -31,7 +32,7 @@ SPANS: list[Any] = [*NAMES, fixed(1.0), [*simple(0.0), *fixed(1.0)]]
 def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Floats:
     """Return the influence matrix of a scene with this beam and this width of its contact."""
     contact = SCENE.contact.model_copy(update={"width_mm": width_mm})
-    return influence_matrix(SCENE.model_copy(update={"beam": beam, "contact": contact}), sensor_mm, load_mm)
+    return influence_matrix(SCENE.model_copy(update={"stated_beam": beam, "contact": contact}), sensor_mm, load_mm)
 
 
 def unit_beam(supports: object, **values: object) -> Beam:
@@ -268,7 +269,7 @@ def test_shear_spans_overhangs_and_steps_agree_with_published_values() -> None:
 
 def test_a_load_on_one_of_two_spans_lifts_the_other() -> None:
     text = PAPER.replace("[contact]", "supports = [{at_mm = 0}, {at_mm = 200}, {at_mm = 400}]\n[contact]")
-    travel = travel_of(parse_scene(text, "x"))
+    travel = travel_of(influence_of(parse_scene(text, "x")))
     assert 0 < travel.lift_mm < travel.fall_mm == travel.largest_mm
 
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
+import beamtouch_models as models
+from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.accuracy.limit import posterior_median_mm
@@ -111,3 +113,129 @@ def test_a_gap_in_the_measurements_is_refused_where_it_is_asked_for() -> None:
 def test_a_bad_field_is_refused_by_its_name(name: str, value: object) -> None:
     with pytest.raises(ValueError, match=f"^{name} of an influence function must"):
         InfluenceFunction(**{**GOOD, name: value})
+
+
+def string_scene(**sensors: object) -> models.Scene:
+    """A scene without a beam."""
+    contact = {"force_n": [1.0, 2.0], "position_mm": [25.0, 475.0]}
+    return models.make_scene(contact=contact, sensors={"rate_hz": 100.0, "range_mm": [1.0, 100.0], **sensors})
+
+
+def string_of(scene: models.Scene, places: int) -> models.InfluenceFunction:
+    """A table of the string at so many even places of sensors and loads."""
+    places_mm = np.linspace(0.0, LENGTH_MM, places)
+    return models.interpolate_influence(scene, places_mm, places_mm, sag_mm(places_mm, places_mm))
+
+
+EXACT = InfluenceFunction(**GOOD)
+
+
+def test_what_is_relative_to_the_deflection_is_relative_to_that_of_the_influence_in_use() -> None:
+    """The string sags by 2 N * 250 mm / 2 / 50 N = 5 mm in its middle, and lifts nowhere."""
+    surface = models.resolve(string_scene(noise_percent_of_max=1.0), influence=EXACT)
+    assert surface.travel.largest_mm == pytest.approx(5.0)
+    assert surface.noise.reading_mm == pytest.approx(0.05)
+    assert surface.sensor.standoff_mm == pytest.approx((1 + 100) / 2 + 5 / 2)
+    with pytest.raises(InputError, match=r"at 2 N the structure travels 5 mm and leaves sensors.range_mm = \[1, 4\]"):
+        models.resolve(string_scene(noise_mm=0.05, range_mm=[1.0, 4.0]), influence=EXACT).layout([100.0, 300.0])
+    for scale in (1e-11, 1e11):
+        far = InfluenceFunction(**GOOD | {"at": lambda sensor, load, scale=scale: scale * sag_mm(sensor, load)})
+        with pytest.raises(InputError, match=r"the largest deflection is .*, which no sensor measures"):
+            models.resolve(string_scene(noise_mm=0.05, range_mm=[1.0, 100.0]), influence=far)
+
+
+@pytest.mark.promise(
+    "docs/reference/python.md",
+    "Whoever brings an influence function states no beam: what is relative to a deflection is relative to its own.",
+)
+def test_a_string_needs_no_beam_and_a_beam_no_string() -> None:
+    scene = string_scene(noise_mm=0.02)
+    assert not scene.has_beam
+    surface = models.resolve(scene, influence=EXACT)
+    assert surface.place(2, effort=0.01).limit(draws=200).value < surface.layout([40.0, 460.0]).limit(draws=200).value
+    assert surface.ringing is surface.slowest_period_ms is None
+    assert [effect.name for effect in surface.effects if effect.verdict == "floor"] == [
+        "gain error", "zero drift", "drift in a minute",
+    ]  # fmt: skip
+    for asked in (
+        lambda: models.resolve(scene),
+        lambda: models.frequency_hz(scene),
+        lambda: models.influence_matrix(scene, [100.0], [100.0]),
+        lambda: surface.beam,
+    ):
+        with pytest.raises(InputError, match=r"^beam is missing; add it"):
+            asked()
+
+
+def test_a_layout_keeps_its_rules_on_a_structure_that_is_no_beam() -> None:
+    surface = models.resolve(string_scene(noise_mm=0.02), influence=EXACT)
+    for places, said in (
+        ([3.0, 100.0], "beyond the end at 0 mm"),
+        ([498.0], "beyond the end at 500"),
+        ([600.0], "to 500"),
+    ):
+        with pytest.raises(InputError, match=said):
+            surface.layout(places)
+    with pytest.raises(InputError, match=r"sensors\.fixed_mm: must be finite from 0 to 500"):
+        models.resolve(string_scene(noise_mm=0.02, fixed_mm=[600.0]), influence=EXACT)
+
+
+@pytest.mark.promise(
+    "docs/reference/python.md",
+    "What a table leaves open between its places is part of the errors: its splines promise no more than was measured.",
+)
+@pytest.mark.parametrize("positions_mm", [[130.0, 330.0], [60.0, 210.0, 310.0, 450.0]])
+def test_a_table_promises_no_more_than_the_string_that_it_was_taken_from(positions_mm: list[float]) -> None:
+    scene = string_scene(noise_mm=0.02)
+    truth, coarse, fine = (
+        models.resolve(scene, influence=own).layout(positions_mm).limit(draws=500)
+        for own in (EXACT, string_of(scene, 26), string_of(scene, 201))
+    )
+    print(truth, coarse, fine)
+    assert coarse.value > 0.97 * truth.value
+    assert fine.value == pytest.approx(truth.value, rel=0.05)
+
+
+def test_a_table_that_is_too_coarse_is_refused_with_the_distance_that_its_places_need() -> None:
+    scene, needed_mm = string_scene(noise_mm=0.02), []
+    for places in (6, 11, 13):
+        with pytest.raises(InputError, match=r"mm apart are too coarse: .* give one at every [0-9.]+ mm") as refused:
+            string_of(scene, places)
+        needed_mm.append(float(str(refused.value).split()[-2]))
+    assert max(needed_mm) < 3 * min(needed_mm)
+    assert string_of(scene, round(LENGTH_MM / min(needed_mm)) + 2).interpolation is not None
+
+
+def test_the_price_of_an_interpolation_says_how_close_places_must_be() -> None:
+    scene = string_scene(noise_mm=0.02)
+    first = models.resolve(scene, influence=string_of(scene, 51)).effects[0]
+    assert first.name == "interpolation"
+    assert first.price is not None
+    assert first.price > 1
+    assert "of a table of places 10 mm apart; with one at every" in first.reason
+    # Of a smooth structure, the error falls with the fourth power of the distance; of one with kinks, hardly faster
+    # than the distance.
+    smooth = string_of(scene, 51).interpolation
+    assert smooth is not None
+    assert 1 <= smooth.order < 2
+
+
+def test_a_sensor_at_a_column_of_a_table_is_known_better_than_one_between_two() -> None:
+    table = string_of(string_scene(noise_mm=0.02), 51).interpolation
+    assert table is not None
+    at_column, between, also = table.deviation_at(on_axis(np.array([200.0, 205.0, 210.0])), on_axis(np.array([100.0])))[
+        0
+    ]
+    assert at_column < 0.9 * between
+    assert at_column == pytest.approx(also, rel=0.05)
+
+
+def test_splines_are_off_by_less_than_what_is_stated_of_them() -> None:
+    loads, sensors = np.linspace(25, 475, 901), np.array([87.0, 140.0, 333.3, 420.0])
+    for places in (26, 51, 101):
+        own = string_of(string_scene(noise_mm=0.02), places)
+        assert own.interpolation is not None
+        off = own.at(sensors, loads) - sag_mm(sensors, loads)
+        stated = own.interpolation.deviation_at(on_axis(sensors), on_axis(loads))
+        relative = float(np.sqrt(np.mean((off / stated) ** 2)))
+        assert 0.02 < relative < 0.5

@@ -103,6 +103,7 @@ def own(
     return models.InfluenceFunction(length_mm, np.array(load_mm), force_n, lambda sensor, load: np.outer(load, sensor))
 
 
+COLUMNS, ROWS, TABLE = [0, 200, 400], [1, 200, 399], np.outer([1, 5, 1], [0, 3, 0])
 S = "the scene"
 """It stands for the scene in the arguments below."""
 
@@ -143,14 +144,36 @@ S = "the scene"
             r"1e\+30 is more than 100 times the largest deflection of the scene",
         ),
         ("model", "estimate", (["1", "2", "3", "4"],), {}, "deflection_mm: must be numbers"),
-        ("models", "interpolate_influence", (S, [10, 390], [1, 399], [[1, 2], [3, 4]]), {}, "sensor_mm: give tw"),
-        ("models", "interpolate_influence", (S, [0, 400], [1, 200], [[1, 2], [3, 4]]), {}, "load_mm: give two"),
-        ("models", "interpolate_influence", (S, [0, 400], [1, 399], [[1, 2]]), {}, "matrix: give 2 rows"),
-        ("models", "resolve", (S,), {"influence": np.eye(3)}, "influence: give an InfluenceFunction, not ndarray"),
+        ("models", "interpolate_influence", (S, [0, 400], ROWS, TABLE), {}, "sensor_mm: give 3 or more ascending"),
         (
             "models",
-            "resolve",
-            (S,),
+            "interpolate_influence",
+            (S, [0, 200, 390], ROWS, TABLE),
+            {},
+            "sensor_mm: give places from 0 mm, or",
+        ),
+        (
+            "models",
+            "interpolate_influence",
+            (S, COLUMNS, [1, 100, 200], TABLE),
+            {},
+            "load_mm: give places from 1 mm, or",
+        ),
+        (
+            "models",
+            "interpolate_influence",
+            (S, COLUMNS, ROWS, TABLE[:2]),
+            {},
+            "matrix: give 3 rows, one for each load",
+        ),
+        ("models", "interpolate_influence", (S, COLUMNS, ROWS, np.zeros((3, 3))), {}, "numbers that are not all 0"),
+        ("models", "interpolate_influence", (S, COLUMNS, ROWS, TABLE), {}, "mm apart are too coarse: splines of the"),
+        ("models", "resolve", (S,), {"influence": np.eye(3)}, "influence: give an InfluenceFunction, not ndarray"),
+        ("models", "resolve", (S,), {"influence": own()}, "beam: an influence function of your own takes its place"),
+        (
+            "model",
+            "evaluate",
+            (),
             {"influence": own(300.0, (1.0, 299.0))},
             "influence: its length_mm is 300, but that of the scene",
         ),
@@ -173,8 +196,8 @@ S = "the scene"
             "models",
             "change_scene",
             (S,),
-            {"sensors": None},
-            "sensors: give a table, as a dict of its keys, not NoneType",
+            {"sensors": 5},
+            "sensors: give a table, as a dict of its keys, not int",
         ),
         ("models", "format_scene", (SCENE,), {}, "scene: give what read_scene or make_scene returns, not str"),
         ("model", "evaluate", (), {"noise_mm": -1}, "noise_mm: must be finite, at least 0"),
@@ -278,11 +301,16 @@ def test_a_model_goes_to_another_process(bench_model: Path) -> None:
 
 def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_model: Path) -> None:
     """A table of the same beam gives the same figures; one of a beam of twice the stiffness gives larger errors."""
+    noise = {
+        "noise_percent_of_max": None,
+        "noise_mm": models.resolve(scene).noise.reading_mm,
+    }  # of the beam's deflection
+    measured = models.change_scene(scene, beam=None, sensors=noise)
     sensors, positions_mm = np.linspace(0, 400, 81), [68.0, 156.0, 244.0, 332.0]
     loads = np.linspace(1, 399, 80)
     table = models.influence_matrix(scene, sensors, loads)
-    same, stiff = (models.interpolate_influence(scene, sensors, loads, factor * table) for factor in (1.0, 0.5))
-    surfaces = [models.resolve(scene, influence=own) for own in (None, same, stiff)]
+    same, stiff = (models.interpolate_influence(measured, sensors, loads, factor * table) for factor in (1.0, 0.5))
+    surfaces = [models.resolve(scene), *(models.resolve(measured, influence=own) for own in (same, stiff))]
 
     limits = [surface.layout(positions_mm).limit(draws=300).value for surface in surfaces]
     assert limits[1] == pytest.approx(limits[0], rel=1e-3)

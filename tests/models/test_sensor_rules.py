@@ -3,7 +3,8 @@
 import pytest
 
 from beamtouch_models import change_scene
-from beamtouch_models.design.physics.beam import travel_of
+from beamtouch_models.design.physics.beam import check_small_angles, influence_of
+from beamtouch_models.design.physics.influence_function import travel_of
 from beamtouch_models.design.scene import Scene, parse_scene
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
@@ -61,8 +62,8 @@ def test_the_stand_off_that_a_refusal_names_is_in_the_middle() -> None:
 @pytest.mark.promise("docs/how-to/design.md", "A scene is refused if the beam slopes by more than 0.1 rad")
 def test_the_force_that_a_refusal_names_keeps_to_small_angles() -> None:
     with pytest.raises(SceneError, match=r"at 300 N the beam slopes by 0.261 rad.* end contact.force_n at 110 N"):
-        travel_of(bench(300)).check_small_angles()
-    travel_of(bench(110)).check_small_angles()
-    travel_of(stiffened(bench(300), 2.7)).check_small_angles()
+        check_small_angles(travel_of(influence_of(bench(300))))
+    check_small_angles(travel_of(influence_of(bench(110))))
+    check_small_angles(travel_of(influence_of(stiffened(bench(300), 2.7))))
     with pytest.raises(SceneError, match="slopes"):
-        travel_of(bench(120)).check_small_angles()
+        check_small_angles(travel_of(influence_of(bench(120))))

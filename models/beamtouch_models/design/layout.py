@@ -282,14 +282,15 @@ def keep_sensors(surface: Surface, positions_mm: Sequence[float], aim: Aim = DEF
 
 def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
     """Return the layout of sensors at positions (sensors,) that a script names; raises as `Surface.layout`."""
-    scene, places_mm = surface.scene, places_in(positions_mm, "positions_mm", surface.influence.diagonal_mm).tolist()
+    scene, length_mm = surface.scene, surface.influence.diagonal_mm
+    places_mm = places_in(positions_mm, "positions_mm", length_mm).tolist()
     if len(places_mm) > MAX_SENSORS:
         raise SceneError(f"positions_mm: give at most {MAX_SENSORS} positions, not {len(places_mm)}")
     if twice := [place for place in places_mm if places_mm.count(place) > 1]:
         raise SceneError(f"positions_mm: it has {twice[0]:g} mm twice; two sensors cannot share a position")
     if away := [place for place in scene.sensors.fixed_mm if place not in places_mm]:
         raise SceneError(f"positions_mm: it lacks {away[0]:g} mm, which is in sensors.fixed_mm of the scene")
-    if conflict := next(too_close(scene.beam, scene.sensors, places_mm, "positions_mm has"), ""):
+    if conflict := next(too_close(length_mm, surface.held_mm, scene.sensors, places_mm, "positions_mm has"), ""):
         raise SceneError(conflict)
     return keep_sensors(surface, places_mm)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from beamtouch_common.files import write_atomically
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import evaluation
 from beamtouch_models.design.accuracy.evaluation import Evaluation
+from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, check_own
 from beamtouch_models.design.pricing.noise import check_scale
@@ -119,9 +119,8 @@ class Model(ModelFile):
         draws, seed, metadata = whole(draws, "draws", 1), whole(seed, "seed", 0), self.metadata
         prior = prior_of_model(metadata)
         if influence is not None:
-            check_own(influence, prior.diagonal_mm, prior.extent.range_mm, prior.force_n)
-            gain = np.array(metadata.departures.gain)
-            prior = replace(prior, influence_at=partial(_scaled, influence, metadata.layout_mm, gain))
+            check_own(influence, prior.extent.range_mm, prior.force_n, prior.diagonal_mm)
+            prior = _with_own(prior, influence, on_axis(metadata.layout_mm), np.array(metadata.departures.gain))
         if noise_mm is not None:
             stated_mm = numbers(noise_mm, "noise_mm", least=0.0)[0]
             check_scale(stated_mm, metadata.max_deflection_mm)
@@ -129,9 +128,21 @@ class Model(ModelFile):
         return evaluation.evaluate(self, prior, draws=draws, seed=seed, progress=progress, spread=spread)
 
 
-def _scaled(influence: InfluenceFunction, sensor_mm: Floats, gain: Floats, place_mm: Floats) -> Floats:
-    matrix: Floats = gain * influence.at(on_axis(sensor_mm), place_mm)
-    return matrix
+def _with_own(prior: Prior, influence: InfluenceFunction, sensor_mm: Floats, gain: Floats) -> Prior:
+    """Return a prior with another influence on the same sensors (channels, axes), behind their gains (channels,)."""
+
+    def influence_at(place_mm: Floats) -> Floats:
+        matrix: Floats = gain * influence.at(sensor_mm, place_mm)
+        return matrix
+
+    def variance_at(place_mm: Floats) -> Floats:
+        variance: Floats = gain**2 * influence.variance(sensor_mm, place_mm, mounting_mm)
+        return variance
+
+    # A calibration has found the places of the sensors.
+    mounting_mm = prior.errors.mounting_mm if prior.variance_at is not None else 0.0
+    is_uncertain = influence.is_uncertain(mounting_mm)
+    return replace(prior, influence_at=influence_at, variance_at=variance_at if is_uncertain else None)
 
 
 def load_model(model: Path | str | bytes) -> Model:

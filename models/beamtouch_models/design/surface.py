@@ -21,13 +21,13 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.thresholds import rate_per_sample, readings_alike
 from beamtouch_models.design.effort import Effort
-from beamtouch_models.design.physics.beam import Travel, influence_of, sensor_positions_mm, travel_of
-from beamtouch_models.design.physics.influence_function import InfluenceFunction, check_own
+from beamtouch_models.design.physics.beam import check_small_angles, influence_of, sensor_positions_mm
+from beamtouch_models.design.physics.influence_function import InfluenceFunction, Travel, check_own, travel_of
 from beamtouch_models.design.physics.motion import slowest_period_ms
 from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.design.placement.position_error import Sampling
-from beamtouch_models.design.pricing.aliases import unseen_swing
+from beamtouch_models.design.pricing.aliases import unseen_of, unseen_swing
 from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
 from beamtouch_models.design.pricing.prices import Effect, effects_of, without_negligible
 from beamtouch_models.design.pricing.ringing import Ringing, ringing_of
@@ -57,7 +57,7 @@ class Surface:
     ----------
     scene : the scene as stated
     filter : the filter of the daemon that uses the scene's latency
-    travel : `largest_mm`, `lift_mm`, `fall_mm` and `slope` (rad) of the beam under the largest force
+    travel : `largest_mm`, `lift_mm`, `fall_mm` and `slope` (rad) of the structure under the largest force
     readings : errors of single readings, as standard deviations: `reading_mm`, `gain` (relative), `drift_mm`
     errors : errors of a sample, the mean that the filter makes: `noise_mm`, and what no mean takes away, `gain` and
         `zero_mm` (both also if the scene states none: 0.3 %, and a fifth of the noise of a reading), `mounting_mm`
@@ -83,20 +83,32 @@ class Surface:
     travel: Travel
     readings: ReadingErrors
     effects: tuple[Effect, ...]
-    """Empty if a sample has no noise, which leaves nothing to compare them to, and with an influence of the user's own,
-    which has all effects."""
-    beam: Beam
-    """The beam, without its negligible effects."""
-    contact_width_mm: float
-    """Length over which a contact presses; 0 if it is negligible."""
+    """Empty if a sample has no noise, which leaves nothing to compare them to. Those of beams have no part in an
+    influence function of the user's own, which holds them all."""
+    modelled: Scene
+    """The scene without its negligible effects."""
     influence: InfluenceFunction
-    """Of that beam and width, or the user's own."""
-    has_own_influence: bool
+    """Of the beam of `modelled`, or the user's own."""
     sampling: Sampling
     """What decides which loads a layout tells from one contact: errors, rate and readings of samples."""
     rules: LayoutRules
     """Where sensors may stand. Housings do not overlap, and neighbours are farther apart than their mounting tolerance:
     they do not change places."""
+
+    @property
+    def beam(self) -> Beam:
+        """The beam, without its negligible effects; SceneError if the structure is none."""
+        return self.modelled.beam
+
+    @property
+    def contact_width_mm(self) -> float:
+        """Length over which a contact presses; 0 if it is negligible."""
+        return self.modelled.contact.width_mm
+
+    @property
+    def held_mm(self) -> tuple[float, ...]:
+        """Places at which the structure is known to be held."""
+        return held_mm_of(self.scene)
 
     @property
     def errors(self) -> Errors:
@@ -121,26 +133,28 @@ class Surface:
 
     @cached_property
     def slowest_period_ms(self) -> float | None:
-        """The longest period in which readings seem to swing; None if the beam's mass is not stated."""
-        return slowest_period_ms(self.scene)
+        """The longest period in which readings seem to swing; None without a beam whose mass is stated."""
+        return slowest_period_ms(self.scene) if self.scene.has_beam else None
 
     @property
     def slowest_period(self) -> float:
-        """The longest period in which readings seem to swing, in readings; 0 if the beam's mass is not stated."""
+        """The longest period in which readings seem to swing, in readings; 0 without a beam whose mass is stated."""
         return (self.slowest_period_ms or 0.0) * self.scene.sensors.rate_hz / 1e3
 
     @cached_property
     def unseen_swing(self) -> float:
         """The swing of the beam that readings do not show, over that which they show."""
-        return unseen_swing(self.scene, self.readings.reading_mm)
+        return unseen_swing(self.scene, self.readings.reading_mm) if self.scene.has_beam else unseen_of(())
 
     @property
     def ringing(self) -> Ringing | None:
-        """How long the beam rings; None if its mass is not stated."""
+        """How long the beam rings; None without a beam whose mass is stated."""
+        if not self.scene.has_beam:
+            return None
         return ringing_of(self.scene, self.readings.reading_mm, self.travel.largest_mm)
 
     def __repr__(self) -> str:
-        """Return what the surface is: its beam, its contacts, and the noise of a sample."""
+        """Return what the surface is: its length, its contacts, and the noise of a sample."""
         (low, high), (weak, strong) = self.influence.extent.range_mm, self.influence.force_n
         forces = f"{weak:g}" if weak == strong else f"{weak:g}..{strong:g}"
         contacts, noise_mm = f"contacts at {low:g}..{high:g} mm with {forces} N", digits(self.errors.noise_mm, 3)
@@ -238,15 +252,16 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
     Parameters
     ----------
     scene : what `read_scene` returns
-    influence : an influence function of your own, which takes the place of that of the scene's beam
+    influence : an influence function of your own, for a scene without a beam. All that follows from deflections, such
+        as a noise in percent of the largest, follows from it.
     chosen : the filter of a model that exists; default: the one that uses all of the latency
 
     Raises
     ------
     SceneError
         The beam cannot be computed, or deflects too far for small-angle theory; no reading fits in the latency; the
-        noise or the drift of zeros is out of proportion to the deflection; or the influence function is of another
-        length or for other contacts.
+        noise or the drift of zeros is out of proportion to the deflection; the influence function is for other
+        contacts; or the scene has both a beam and an influence function, or neither.
 
     Examples
     --------
@@ -254,16 +269,16 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
     Surface(400 mm long, contacts at 10..390 mm with 2..20 N, 0.000894 mm of noise a sample)
     """
     require(scene, Scene, "scene", "what read_scene or make_scene returns")
-    if influence is not None:
-        check_own(influence, scene.beam.length_mm, scene.contact.position_mm, scene.contact.force_range_n)
-    travel = travel_of(scene)
-    readings, rules = ReadingErrors.of(scene, travel.largest_mm), rules_of(scene)
+    stated = _structure_of(scene, influence)
+    travel = travel_of(stated)
+    readings, rules = ReadingErrors.of(scene, travel.largest_mm), rules_of(scene, stated.diagonal_mm)
     chosen = chosen or choose_filter(scene, readings.reading_mm)
+    effects: tuple[Effect, ...] = ()
     if readings.reading_mm > 0:
-        travel.check_small_angles(scene.sensors.range_mm[1] - scene.sensors.range_mm[0])
+        if scene.has_beam:
+            check_small_angles(travel, scene.sensors.range_mm[1] - scene.sensors.range_mm[0])
         check_errors(scene, readings, chosen, travel.largest_mm)
-    is_priced = influence is None and readings.reading_mm > 0
-    effects = effects_of(scene, chosen, readings, positions_of(rules.place_mm)) if is_priced else ()
+        effects = effects_of(scene, stated, chosen, readings, positions_of(rules.place_mm))
     modelled, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
     errors = Errors(noise.sample_mm, readings.gain, readings.floor_mm, modelled.sensors.mounting_tolerance_mm)
     return Surface(
@@ -272,18 +287,35 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
         travel=travel,
         readings=readings,
         effects=effects,
-        beam=modelled.beam,
-        contact_width_mm=modelled.contact.width_mm,
+        modelled=modelled,
         influence=influence or influence_of(modelled),
-        has_own_influence=influence is not None,
         sampling=Sampling(errors, chosen.min_noise_mm(noise), sensors.rate_hz, readings_alike(chosen)),
         rules=rules,
     )
 
 
-def rules_of(scene: Scene) -> LayoutRules:
-    """Return where the sensors of a scene may stand; SceneError as `sensor_positions_mm`."""
-    sensors, allowed_mm = scene.sensors, sensor_positions_mm(scene)
+def _structure_of(scene: Scene, influence: InfluenceFunction | None) -> InfluenceFunction:
+    """Return the influence function of a scene's beam as stated, or that which takes its place."""
+    if influence is None:
+        return influence_of(scene)
+    check_own(influence, scene.contact.position_mm, scene.contact.force_range_n)
+    if scene.has_beam:
+        raise SceneError(
+            "beam: an influence function of your own takes its place, so that nothing may follow from both; take it "
+            "away, with change_scene(scene, beam=None)"
+        )
+    return influence
+
+
+def held_mm_of(scene: Scene) -> tuple[float, ...]:
+    """Return the places at which the structure of a scene is known to be held."""
+    return scene.beam.held_mm if scene.has_beam else ()
+
+
+def rules_of(scene: Scene, length_mm: float) -> LayoutRules:
+    """Return where sensors may stand on a structure of this length; SceneError as `sensor_positions_mm`."""
+    sensors = scene.sensors
+    allowed_mm = sensor_positions_mm(sensors, length_mm, held_mm_of(scene))
     distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
     return LayoutRules(on_axis(allowed_mm), np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
 
@@ -299,20 +331,21 @@ def _resolve_text(text: str, origin: str, chosen: FilterChoice) -> Surface:
 
 
 def _sensor_of(scene: Scene, travel: Travel) -> Sensor:
-    """Return sensor, ADC and stand-off of a scene; SceneError if the beam leaves the sensor's range."""
+    """Return sensor, ADC and stand-off of a scene; SceneError if the structure leaves the sensor's range."""
+    what = "beam" if scene.has_beam else "structure"
     low, high = scene.sensors.range_mm
     lift, fall = travel.lift_mm, travel.fall_mm
     centred_mm, stated_mm = (low + high) / 2 + (fall - lift) / 2, scene.sensors.standoff_mm
     if fall + lift > high - low:
         excess = (fall + lift) / (high - low)
         raise SceneError(
-            f"at {travel.force_n:g} N the beam travels {digits(fall + lift, 4)} mm and leaves sensors.range_mm = "
-            f"[{low:g}, {high:g}]; end contact.force_n at {at_most(travel.force_n / excess):g} N, make the beam "
+            f"at {travel.force_n:g} N the {what} travels {digits(fall + lift, 4)} mm and leaves sensors.range_mm = "
+            f"[{low:g}, {high:g}]; end contact.force_n at {at_most(travel.force_n / excess):g} N, make the {what} "
             f"{at_least(excess):g} times as stiff, or use a sensor with a longer range"
         )
     if stated_mm is not None and (stated_mm - fall < low or stated_mm + lift > high):
         raise SceneError(
-            f"from sensors.standoff_mm = {stated_mm:g} the beam leaves sensors.range_mm = [{low:g}, {high:g}]; "
+            f"from sensors.standoff_mm = {stated_mm:g} the {what} leaves sensors.range_mm = [{low:g}, {high:g}]; "
             f"write standoff_mm = {digits(centred_mm, 4)}, or leave it out"
         )
     bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS

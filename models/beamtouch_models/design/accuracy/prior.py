@@ -91,7 +91,7 @@ class Prior:
     """From places (places, axes) in mm to the influence matrix (places, channels) in mm/N."""
     variance_at: Callable[[Floats], Floats] | None = None
     """From places (places, axes) to the variance of the influence (places, channels) in (mm/N)^2 that the mounting of
-    the sensors leaves; None: their places are exact."""
+    the sensors and the interpolation of a table leave; None: it is exact."""
     measured: Callable[[Floats], Floats] = _as_it_is
     """From deflections (samples, channels) that are linear in the force to measured deflections."""
 
@@ -106,7 +106,9 @@ class Prior:
             errors=errors,
             channels=len(at_mm),
             influence_at=partial(influence.at, at_mm),
-            variance_at=partial(influence.variance, at_mm, tolerance_mm=mounting_mm) if mounting_mm else None,
+            variance_at=partial(influence.variance, at_mm, tolerance_mm=mounting_mm)
+            if influence.is_uncertain(mounting_mm)
+            else None,
         )
 
     def sampled(self, place_mm: Floats, force_n: Floats) -> tuple[Floats, Floats]:

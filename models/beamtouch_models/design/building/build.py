@@ -64,7 +64,7 @@ def build_model(
         raise SceneError(f"name = {name!r} must {RULE}")
     if estimator not in ESTIMATORS:
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
-    if layout.surface.has_own_influence:
+    if not layout.surface.scene.has_beam:
         raise SceneError(
             "influence: a model file holds the scene's beam, not an influence function of your own; its layouts have "
             "limits, but no model"

@@ -19,6 +19,23 @@ from beamtouch_models.places import Extent, grid_of
 
 EVEN = 1e-6
 """Largest difference between the steps of even load positions, relative to a step."""
+LOADS = 400
+"""Steps of load positions over the length of a structure, as in the paper."""
+POINTS = 801
+"""Points along a structure at which its travel is computed."""
+
+
+@dataclass(frozen=True)
+class Interpolation:
+    """What a table of measured influence leaves unknown between its places."""
+
+    deviation_at: Callable[[Floats, Floats], Floats]
+    """From places of sensors (sensors, axes) and loads (loads, axes) to the standard deviation of the influence there,
+    (loads, sensors) in mm/N."""
+    spacing_mm: float
+    """Largest distance of neighbouring places of the table."""
+    order: float
+    """The power of that distance with which the deviation falls."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +69,8 @@ class InfluenceFunction:
     where rules allow none. All values are finite. So a table of measurements is interpolated over the whole length."""
     unit_mm_per_n: float = 1.0
     """Deflection per newton that counts as 1 in a dimensionless score, positive; l^3/(EI) of a beam."""
+    interpolation: Interpolation | None = None
+    """What a table leaves unknown; None: `at` is exact."""
 
     def __post_init__(self) -> None:
         load = np.array(self.load_mm, dtype=np.float64)  # a copy: the caller may change its array
@@ -105,11 +124,16 @@ class InfluenceFunction:
         """Return the influence matrix of sensors (sensors, axes) under all loads, (loads, sensors) in mm/N."""
         return self.at(sensor_mm, self.place_mm)
 
+    def is_uncertain(self, tolerance_mm: float) -> bool:
+        """Whether `deviation` is more than nothing."""
+        return tolerance_mm > 0 or self.interpolation is not None
+
     def deviation(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
         """Return the change of the influence by a tolerance of the sensors' places, (loads, sensors, axes) in mm/N.
 
         These are standard deviations, positive where the influence grows with the coordinate of the sensor: of several
-        loads at once they add up, as a sensor is at one place only. Errors as `at`.
+        loads at once they add up, as a sensor is at one place only. What the interpolation of a table leaves stands
+        behind them, as if it were one more axis. Errors as `at`.
         """
         sensor_mm = np.reshape(sensor_mm, (-1, len(self.size_mm)))
         deviation = np.empty((len(load_mm), *sensor_mm.shape))
@@ -119,10 +143,13 @@ class InfluenceFunction:
             # At an end of the beam the sensor can move to one side only.
             apart = np.maximum((right - left).sum(axis=1), np.finfo(np.float64).tiny)
             deviation[..., axis] = change * (tolerance_mm / apart)
-        return deviation
+        if self.interpolation is None:
+            return deviation
+        left = self.interpolation.deviation_at(sensor_mm, load_mm)
+        return np.concatenate([deviation, left[..., None]], axis=2)
 
     def variance(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
-        """Return the variance of the influence that the mounting leaves, (loads, sensors); arguments as `deviation`."""
+        """Return the variance of the influence, (loads, sensors) in (mm/N)^2; arguments as `deviation`."""
         variance: Floats = (self.deviation(sensor_mm, load_mm, tolerance_mm) ** 2).sum(axis=2)
         return variance
 
@@ -156,18 +183,58 @@ def _checked(
     return matrix
 
 
+def even_loads_mm(position_mm: tuple[float, float], length_mm: float) -> Floats:
+    """Return even positions of loads over a range of contacts: every 1/400 of the length, as in the paper."""
+    low, high = position_mm
+    return np.linspace(low, high, max(1, round((high - low) / length_mm * LOADS)) + 1)
+
+
+@dataclass(frozen=True)
+class Travel:
+    """How far the contacts of a scene move a structure of one axis, anywhere on it."""
+
+    lift_mm: float
+    """Against the direction of the largest force, 0 or more; a beam on two supports never lifts, an overhang does."""
+    fall_mm: float
+    """In the direction of the largest force, 0 or more."""
+    slope: float
+    """Largest slope under the largest force, in rad."""
+    force_n: float
+    """The largest force."""
+
+    @property
+    def largest_mm(self) -> float:
+        """Largest deflection in either direction."""
+        return max(self.lift_mm, self.fall_mm)
+
+
+def travel_of(influence: InfluenceFunction) -> Travel:
+    """Return the travel of a structure of one axis; SceneError if it is beyond what can be computed."""
+    points, force_n = np.linspace(0.0, influence.diagonal_mm, POINTS), influence.force_n[1]
+    with np.errstate(over="ignore"):
+        shapes = influence.matrix(points[:, None]) * force_n
+    if not np.all(np.isfinite(shapes)):
+        message = "the deflection at the largest force is beyond what can be computed; check contact.force_n and beam"
+        raise SceneError(message)
+    slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
+    return Travel(max(0.0, -float(shapes.min())), max(0.0, float(shapes.max())), slope, force_n)
+
+
 def check_own(
-    influence: InfluenceFunction, length_mm: float, position_mm: tuple[float, float], force_n: tuple[float, float]
+    influence: InfluenceFunction,
+    position_mm: tuple[float, float],
+    force_n: tuple[float, float],
+    length_mm: float | None = None,
 ) -> None:
-    """Raise SceneError unless what a user gives is an influence function for the length and contacts of a beam."""
+    """Raise SceneError unless what a user gives is an influence function for these contacts, on this length if any."""
     require(influence, InfluenceFunction, "influence", "an InfluenceFunction")
     if influence.extent.axes != 1:
-        raise SceneError(f"influence: it has {influence.extent.axes} axes, but a beam has one")
+        raise SceneError(f"influence: it has {influence.extent.axes} axes, but contacts have one")
     for name, own, scene in (
-        ("length_mm", (influence.diagonal_mm,), (length_mm,)),
+        ("length_mm", (influence.diagonal_mm,), (length_mm or influence.diagonal_mm,)),
         ("load_mm", influence.position_mm, position_mm),
         ("force_n", influence.force_n, force_n),
     ):
-        if not np.allclose(own, scene, rtol=EVEN, atol=0.0 if name == "force_n" else EVEN * length_mm):
+        if not np.allclose(own, scene, rtol=EVEN, atol=0.0 if name == "force_n" else EVEN * influence.diagonal_mm):
             ours, theirs = (" to ".join(f"{value:.12g}" for value in values) for values in (own, scene))
             raise SceneError(f"influence: its {name} is {ours}, but that of the scene is {theirs}; make them equal")

@@ -138,7 +138,7 @@ def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Samp
 
     sample = under(partial(influence.at, rules.place_mm))
     mounting: Floats | float = 0.0
-    if errors.mounting_mm:
+    if influence.is_uncertain(errors.mounting_mm):
         deviation = under(partial(influence.deviation, rules.place_mm, tolerance_mm=errors.mounting_mm))
         mounting = (deviation**2).sum(axis=2)
     ticks = tuple(extent.ticks(CONTACTS))
@@ -249,7 +249,7 @@ def position_error_of(
     clean = influence.at(rules.place_mm, drawn) * force[:, None]
     variance: Floats | None = None
     mounting: Floats | float = 0.0
-    if errors.mounting_mm:
+    if influence.is_uncertain(errors.mounting_mm):
         variance = influence.variance(rules.place_mm, middles, errors.mounting_mm)
         mounting = influence.variance(rules.place_mm, drawn, errors.mounting_mm) * force[:, None] ** 2
     others = other_loads(influence, rules, sampling)

@@ -18,12 +18,14 @@ from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics import motion
 from beamtouch_models.design.physics.axial import held, holding_mm
-from beamtouch_models.design.physics.beam import influence_matrix, influence_of, load_positions_mm
+from beamtouch_models.design.physics.beam import influence_matrix
+from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters.walk import OWN
-from beamtouch_models.places import on_axis
+from beamtouch_models.numbers import at_most
+from beamtouch_models.places import on_axis, positions_of
 from beamtouch_models.runtime.metadata import FilterChoice
 
 Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
@@ -62,6 +64,8 @@ class Pricing:
     """The data for pricing the effects of a scene."""
 
     scene: Scene
+    influence: InfluenceFunction
+    """Of the scene as stated."""
     filter: FilterChoice
     readings: ReadingErrors
     sensor_mm: Floats
@@ -75,12 +79,12 @@ class Pricing:
     @cached_property
     def load_mm(self) -> Floats:
         """(loads,) positions of the contacts."""
-        return load_positions_mm(self.scene)
+        return positions_of(self.influence.place_mm)
 
     @cached_property
     def stated_mm(self) -> Floats:
         """Deflection (loads, sensors) of the scene as stated, at the largest force."""
-        return self._under_force_mm(self.scene)
+        return self.influence.force_n[1] * self.influence.matrix(on_axis(self.sensor_mm))
 
     @cached_property
     def price_of_all(self) -> float:
@@ -253,11 +257,12 @@ def _drift_under_a_load(pricing: Pricing) -> Effect:
 
 
 def _mounting_tolerance(pricing: Pricing) -> Effect:
-    scene, tolerance_mm = pricing.scene, pricing.scene.sensors.mounting_tolerance_mm
+    tolerance_mm = pricing.scene.sensors.mounting_tolerance_mm
     if tolerance_mm == 0:
         return Effect("mounting tolerance", 0.0, "out", "the scene states none")
-    variance = influence_of(scene).variance(on_axis(pricing.sensor_mm), on_axis(pricing.load_mm), tolerance_mm)
-    price = pricing.in_noise(scene.contact.force_range_n[1] * np.sqrt(variance))
+    places = on_axis(pricing.sensor_mm), on_axis(pricing.load_mm)
+    moved = pricing.influence.deviation(*places, tolerance_mm)[..., : pricing.influence.extent.axes]
+    price = pricing.in_noise(pricing.influence.force_n[1] * moved)
     reason = f"+- {tolerance_mm:g} mm along the beam; `calibrate` finds the true positions"
     verdict: Verdict = "out" if price < NEGLIGIBLE else "floor"
     return Effect("mounting tolerance", price, verdict, reason, leave_out=without_tolerance)
@@ -332,7 +337,21 @@ def _sensor_drift(pricing: Pricing) -> Effect:
     return Effect(name, pricing.in_noise(np.array([drift_mm])), "floor", reason)
 
 
-EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
+def _interpolation(pricing: Pricing) -> Effect:
+    """Price what the table of an influence leaves open between its places."""
+    name, table = "interpolation", pricing.influence.interpolation
+    if table is None:
+        return Effect(name, 0.0, "out", "the influence function is known everywhere")
+    deviation = table.deviation_at(on_axis(pricing.sensor_mm), on_axis(pricing.load_mm[:1]))
+    price = pricing.in_noise(pricing.influence.force_n[1] * deviation)
+    reason = f"of a table of places {digits(table.spacing_mm, 3)} mm apart"
+    if price > 1:
+        needed_mm = table.spacing_mm * (1 / price) ** (1 / table.order)
+        reason += f"; with one at every {at_most(needed_mm):g} mm it would be no larger than the noise"
+    return Effect(name, price, "floor", reason)
+
+
+OF_BEAMS: tuple[Callable[[Pricing], Effect], ...] = (
     _shear,
     _contact_width,
     _self_weight,
@@ -340,23 +359,27 @@ EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
     _steps,
     _foundation,
     _dynamics,
+)
+OF_SENSORS: tuple[Callable[[Pricing], Effect], ...] = (
     _sensor_curve,
     _adc_steps,
     _gain_error,
     _zero_drift,
     _drift_under_a_load,
     _mounting_tolerance,
-    _expansion,
-    _sensor_drift,
 )
+OF_HEAT = _expansion, _sensor_drift
 
 
-def effects_of(scene: Scene, chosen: FilterChoice, readings: ReadingErrors, allowed_mm: Floats) -> tuple[Effect, ...]:
+def effects_of(
+    scene: Scene, influence: InfluenceFunction, chosen: FilterChoice, readings: ReadingErrors, allowed_mm: Floats
+) -> tuple[Effect, ...]:
     """Price every effect of a scene, in the noise of a sample.
 
     Parameters
     ----------
-    scene, chosen, readings : the scene, the filter of its model, and the errors of its readings
+    scene, influence : the scene, and its influence function as stated
+    chosen, readings : the filter of its model, and the errors of its readings
     allowed_mm : (positions,) where sensors may stand, ascending
 
     Raises
@@ -365,8 +388,11 @@ def effects_of(scene: Scene, chosen: FilterChoice, readings: ReadingErrors, allo
         The scene cannot be computed, or its noise, which must not be 0, is too small to price effects in.
     """
     indices = np.linspace(0, len(allowed_mm) - 1, min(len(allowed_mm), MAX_POSITIONS)).round().astype(np.intp)
-    pricing = Pricing(scene, chosen, readings, allowed_mm[indices])
-    return _include_too_many([price(pricing) for price in EFFECTS])
+    pricing = Pricing(scene, influence, chosen, readings, allowed_mm[indices])
+    of_structure = (
+        (*OF_BEAMS, *OF_SENSORS, *OF_HEAT) if scene.has_beam else (_interpolation, *OF_SENSORS, _sensor_drift)
+    )
+    return _include_too_many([price(pricing) for price in of_structure])
 
 
 def without_negligible(scene: Scene, effects: Sequence[Effect]) -> Scene:

@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
@@ -18,7 +18,7 @@ from beamtouch_models.design.rates import MAX_FALSE, max_false_per_day
 from beamtouch_models.design.scene.beam import Beam, identity_of
 from beamtouch_models.design.scene.plausible import in_other_units, misplaced
 from beamtouch_models.design.scene.tables import Contact, Environment, Requirements, Sensors, Strict
-from beamtouch_models.errors import require
+from beamtouch_models.errors import SceneError, require
 
 __all__ = [
     "Requirements", "Scene", "change_scene", "format_scene", "identity_of", "load_scene", "make_scene", "parse_scene",
@@ -33,8 +33,11 @@ class Scene(Strict):
     (400.0, (2.0, 20.0))
     """
 
-    beam: Beam
-    """The beam, with its supports and its foundation."""
+    model_config = ConfigDict(serialize_by_alias=True)
+
+    stated_beam: Beam | None = Field(default=None, alias="beam")
+    """The beam, with its supports and its foundation. Only a structure whose influence function a script gives in its
+    place has none."""
     contact: Contact
     """The contacts that the surface is designed for."""
     sensors: Sensors
@@ -47,7 +50,9 @@ class Scene(Strict):
     @model_validator(mode="after")
     def _on_the_beam(self) -> Self:
         # Units come first: the other checks stumble over a number in another one.
-        if message := next(chain(in_other_units(self.beam), misplaced(self.beam, self.contact, self.sensors)), ""):
+        if (beam := self.stated_beam) is not None and (
+            message := next(chain(in_other_units(beam), misplaced(beam, self.contact, self.sensors)), "")
+        ):
             raise ValueError(message)
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
             raise ValueError(f"sensors.count = {list(self.sensors.count_range)}: the first must not exceed the second")
@@ -57,10 +62,10 @@ class Scene(Strict):
     def _within_reason(self) -> Self:
         if self.sensors.drift_um_per_k is not None and self.environment.temperature_range_k is None:
             raise ValueError("sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]")
-        tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
-        if tolerance >= (spacing := self.beam.length_mm / fewest):
+        beam, tolerance, fewest = self.stated_beam, self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
+        if beam is not None and tolerance >= (spacing := beam.length_mm / fewest):
             raise ValueError(
-                f"sensors.mounting_tolerance_mm = {tolerance:g}: {fewest} sensors on {self.beam.length_mm:g} mm are "
+                f"sensors.mounting_tolerance_mm = {tolerance:g}: {fewest} sensors on {beam.length_mm:g} mm are "
                 f"{digits(spacing, 3)} mm apart; measure their positions to less than that"
             )
         often, rate_hz = self.requirements.false_contacts_per_day, self.sensors.rate_hz
@@ -70,6 +75,21 @@ class Scene(Strict):
                 f"{digits(most, 6)} a day, one sample in {1 / MAX_FALSE:g}; state less"
             )
         return self
+
+    @property
+    def has_beam(self) -> bool:
+        """Whether the structure is a beam; otherwise its influence function is given beside the scene."""
+        return self.stated_beam is not None
+
+    @property
+    def beam(self) -> Beam:
+        """The beam, for what needs one; SceneError if the scene states none."""
+        if self.stated_beam is None:
+            raise SceneError(
+                "beam is missing; add it (without a beam, `resolve` takes an influence function of your own, and gives "
+                "layouts, limits and simulated samples)"
+            )
+        return self.stated_beam
 
     @property
     def wants_force(self) -> bool:
@@ -133,8 +153,8 @@ def make_scene(**tables: Mapping[str, Any]) -> Scene:
     return validate(Scene, tables, "the scene")
 
 
-def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
-    """Return a scene with other values of some keys; None takes a key away.
+def change_scene(scene: Scene, **tables: Mapping[str, Any] | None) -> Scene:
+    """Return a scene with other values of some keys; None takes a key away, or a whole table.
 
     >>> change_scene(scene, beam={"thickness_mm": 4}, sensors={"count": 5}).beam.thickness_mm
     4.0
@@ -147,6 +167,9 @@ def change_scene(scene: Scene, **tables: Mapping[str, Any]) -> Scene:
     require(scene, Scene, "scene", "what read_scene or make_scene returns")
     changed = scene.model_dump(exclude_unset=True)
     for name, values in tables.items():
+        if values is None:
+            changed.pop(name, None)
+            continue
         require(values, Mapping, name, "a table, as a dict of its keys")
         changed[name] = {**changed.get(name, {}), **values}
     return make_scene(**_without_none(changed))

@@ -48,16 +48,18 @@ def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
         )
     if sensors.size_mm >= length:
         yield f"sensors.size_mm = {sensors.size_mm:g} must be less than beam.length_mm = {length:g}"
-    yield from too_close(beam, sensors, sensors.fixed_mm, "sensors: fixed_mm has")
+    yield from too_close(length, beam.held_mm, sensors, sensors.fixed_mm, "sensors: fixed_mm has")
 
 
-def too_close(beam: Beam, sensors: Sensors, places_mm: Sequence[float], named: str) -> Iterator[str]:
+def too_close(
+    length_mm: float, held_mm: Sequence[float], sensors: Sensors, places_mm: Sequence[float], named: str
+) -> Iterator[str]:
     """Yield what to change where a sensor is too close to something that `taken_mm` names, or to another sensor.
 
-    `named` begins each sentence: it says whose places they are.
+    `named` begins each sentence: it says whose places they are. `length_mm` and `held_mm` as for `taken_mm`.
     """
     for place in places_mm:
-        for words, start, end in taken_mm(beam, sensors):
+        for words, start, end in taken_mm(length_mm, held_mm, sensors):
             if start < place < end:
                 yield (
                     f"{named} {place:g} mm, where a housing of size_mm = {sensors.size_mm:g} {words}; move that "
@@ -66,23 +68,23 @@ def too_close(beam: Beam, sensors: Sensors, places_mm: Sequence[float], named: s
     key = "size_mm" if sensors.size_mm >= sensors.min_distance_mm else "min_distance_mm"
     least_mm = max(sensors.size_mm, sensors.min_distance_mm)
     for left, right in pairwise(sorted(places_mm)):
-        if right - left < least_mm - ROUNDING * beam.length_mm:
+        if right - left < least_mm - ROUNDING * length_mm:
             yield (
                 f"{named} {left:g} and {right:g} mm, {digits(right - left, 3)} mm apart, less than {key} = "
                 f"{least_mm:g}; move one, or correct {key}"
             )
 
 
-def taken_mm(beam: Beam, sensors: Sensors) -> Iterator[tuple[str, float, float]]:
+def taken_mm(length_mm: float, held_mm: Sequence[float], sensors: Sensors) -> Iterator[tuple[str, float, float]]:
     """Yield where no sensor may stand: what a housing would do there, and the stretch of its centre, without its ends.
 
-    The stretches are shorter by what is rounding.
+    The structure has this length, and its deflection is zero at `held_mm`. The stretches are shorter by what is
+    rounding.
     """
-    length, half = beam.length_mm, sensors.size_mm / 2
-    near = ROUNDING * length
-    yield "reaches beyond the end of the beam at 0 mm", -math.inf, half - near
-    yield f"reaches beyond the end of the beam at {length:g} mm", length - half + near, math.inf
-    for support_mm in beam.held_mm:
+    half, near = sensors.size_mm / 2, ROUNDING * length_mm
+    yield "reaches beyond the end at 0 mm", -math.inf, half - near
+    yield f"reaches beyond the end at {length_mm:g} mm", length_mm - half + near, math.inf
+    for support_mm in held_mm:
         beside = max(half - near, near)  # nothing moves at a support: no point stands there either
         yield f"stands on the support at {support_mm:g} mm", support_mm - beside, support_mm + beside
     for start, end in sensors.keep_out_mm:

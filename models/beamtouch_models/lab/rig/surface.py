@@ -12,7 +12,8 @@ from pydantic import Field
 
 from beamtouch_common.files import load_toml
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics.beam import travel_of
+from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.physics.influence_function import travel_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.tables import Finite, Fixity, PositiveFinite, Strict
@@ -95,8 +96,8 @@ class VirtualSurface:
             raise SceneError("position_offset_mm moves a sensor off the beam")
         if imperfections.damping_ratio is not None:
             damped = scene.beam.model_copy(update={"damping_ratio": imperfections.damping_ratio})
-            scene = scene.model_copy(update={"beam": damped})
-        noise_mm = ReadingErrors.of(scene, travel_of(scene).largest_mm).sensor_mm
+            scene = scene.model_copy(update={"stated_beam": damped})
+        noise_mm = ReadingErrors.of(scene, travel_of(influence_of(scene)).largest_mm).sensor_mm
         self._world = World.of(scene, self.sensor, model.layout_mm, noise_mm, departures, (0.0, length_mm))
         if imperfections.damping_ratio is not None and self._world.modes is None:
             message = (
