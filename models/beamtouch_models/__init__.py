@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from beamtouch_models.design.accuracy.statistics import Measurement
     from beamtouch_models.design.building.daemon_config import daemon_config
     from beamtouch_models.design.layout import ErrorAlong, Layout
-    from beamtouch_models.design.model import Model, load_model
+    from beamtouch_models.design.model import Estimates, Model, load_model
     from beamtouch_models.design.physics.beam import influence_matrix
     from beamtouch_models.design.physics.influence_function import InfluenceFunction
     from beamtouch_models.design.physics.interpolation import interpolate_influence
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from beamtouch_models.errors import InputError, ModelFileError, NotGoodEnoughError, SceneError
 
 __all__ = [
-    "ErrorAlong", "Evaluation", "InfluenceFunction", "InputError", "Layout", "Measurement", "Model", "ModelFileError",
-    "NotGoodEnoughError", "PositionErrors", "Scene", "SceneError", "Surface", "change_scene", "daemon_config",
-    "format_scene", "frequency_hz", "influence_matrix", "interpolate_influence", "load_model", "make_scene",
-    "read_scene", "resolve", "ringing_mm",
+    "ErrorAlong", "Estimates", "Evaluation", "InfluenceFunction", "InputError", "Layout", "Measurement", "Model",
+    "ModelFileError", "NotGoodEnoughError", "PositionErrors", "Scene", "SceneError", "Surface", "change_scene",
+    "daemon_config", "format_scene", "frequency_hz", "influence_matrix", "interpolate_influence", "load_model",
+    "make_scene", "read_scene", "resolve", "ringing_mm",
 ]  # fmt: skip
 
 _HOMES = {
@@ -53,7 +53,7 @@ _HOMES = {
     "design.accuracy.statistics": ("Measurement",),
     "design.building.daemon_config": ("daemon_config",),
     "design.layout": ("ErrorAlong", "Layout"),
-    "design.model": ("Model", "load_model"),
+    "design.model": ("Estimates", "Model", "load_model"),
     "design.physics.beam": ("influence_matrix",),
     "design.physics.interpolation": ("interpolate_influence",),
     "design.physics.motion": ("frequency_hz",),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 import beamtouch_models as models
 from beamtouch_common.errors import InputError
+from beamtouch_models import cli
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.accuracy.limit import posterior_median_mm
@@ -165,6 +167,15 @@ def test_a_string_needs_no_beam_and_a_beam_no_string() -> None:
     ):
         with pytest.raises(InputError, match=r"^beam is missing; add it"):
             asked()
+
+
+def test_a_command_needs_a_beam(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "string.toml"
+    path.write_text(models.format_scene(string_scene(noise_mm=0.02)))
+    assert models.read_scene(path) == string_scene(noise_mm=0.02)
+    for command in (["place"], ["explain"], ["build", "-o", str(tmp_path / "string.onnx")]):
+        assert cli.main([*command, str(path)]) == 2
+        assert capsys.readouterr().err == f"design-sensors: {path}: beam is missing; add it\n"
 
 
 def test_a_layout_keeps_its_rules_on_a_structure_that_is_no_beam() -> None:

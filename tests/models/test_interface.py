@@ -1,8 +1,10 @@
 """The interface for scripts gives what the commands give, and refuses with one line."""
 
 import json
+import pickle
 import re
 import tomllib
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -135,7 +137,12 @@ S = "the scene"
         ("surface", "layout", ([0.0, 200.0],), {}, "beyond the end"),
         ("models", "load_model", ("missing.onnx",), {}, "missing.onnx: No such file"),
         ("models", "load_model", ("a\0b",), {}, r"'a\\x00b' cannot be the path of a file"),
-        ("model", "estimate", ([[1, 2, 3]],), {}, "deflection_mm: give finite numbers in mm, 4 for each sample: s1"),
+        ("model", "estimate", ([[1, 2, 3]],), {}, "deflection_mm: give numbers in mm, 4 for each sample: s1"),
+        ("model", "estimate", ([1, np.inf, 1, 1],), {}, r"4 for each sample: s1, s2, s3, s4 \(given: one that is inf"),
+        ("model", "estimate", ([1, np.nan, np.nan, np.nan],), {}, "of a sample, 1 of 4 channels take part, but the"),
+        ("model", "evaluate", (), {"missing": "s1"}, r"missing: give a list of some of s1, s2, s3, s4 \(given: 's1'"),
+        ("model", "evaluate", (), {"missing": ["s9"]}, r"missing: give a list of .* \(given: s9\)"),
+        ("model", "evaluate", (), {"missing": ["s1", "s2", "s3"]}, "missing: without s1, s2, s3, 1 of 4 channels take"),
         (
             "model",
             "estimate",
@@ -296,7 +303,84 @@ def test_a_model_goes_to_another_process(bench_model: Path) -> None:
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         there = pool.submit(models.Model.estimate, model, sample).result()
 
-    assert there == model.estimate(sample)
+    here = model.estimate(sample)
+    assert repr(there) == repr(here) == "unexplained: not one contact, or a wrong sensor"
+    assert there["misfit"] == here["misfit"]
+
+
+@pytest.mark.parametrize("link", ["scene", "surface", "layout", "model", "limit", "evaluation", "estimates"])
+def test_each_link_and_result_can_be_pickled(scene: models.Scene, bench_model: Path, link: str) -> None:
+    surface, model = models.resolve(scene), models.load_model(bench_model)
+    layout = surface.layout([100.0, 300.0])
+    made: dict[str, Callable[[], object]] = {
+        "scene": lambda: scene,
+        "surface": lambda: surface,
+        "layout": lambda: layout,
+        "model": lambda: model,
+        "limit": lambda: layout.limit(draws=64),
+        "evaluation": lambda: model.evaluate(draws=64),
+        "estimates": lambda: model.estimate(layout.simulate(200, 10)[:, [0, 0, 1, 1]]),
+    }
+    given = made[link]()
+    assert repr(pickle.loads(pickle.dumps(given))) == repr(given)  # noqa: S301  # it was made here
+
+
+@pytest.mark.promise(
+    "docs/reference/python.md",
+    "Results print no more digits than they are known to",
+)
+def test_results_print_no_more_than_four_digits(scene: models.Scene, bench_model: Path) -> None:
+    surface, model = models.resolve(scene), models.load_model(bench_model)
+    layout = surface.layout([100.0, 300.0])
+    results = (
+        surface.travel, surface.readings, surface.errors, surface.effects, surface.ringing, surface.noise,
+        surface.sensor, surface.filter, layout.placement, layout.limit(draws=64), layout.error_along([50, 200]),
+        model.evaluate(draws=64), model.metadata, model.estimate(layout.simulate([50, 200], 10)[:, [0, 0, 1, 1]]),
+    )  # fmt: skip
+    for result in results:
+        long = [
+            number for number in re.findall(r"\d+\.\d+", str(result)) if len(number.replace(".", "").lstrip("0")) > 4
+        ]
+        assert not long, str(result)
+        assert len(str(result)) < 5000
+    assert str(models.Measurement(2.8123, 0.0345)) == repr(models.Measurement(2.8123, 0.0345)) == "2.81 +- 0.03"
+
+
+def test_estimates_are_told_in_words_with_the_decimals_that_they_are_worth(
+    scene: models.Scene, bench_model: Path
+) -> None:
+    model = models.load_model(bench_model)
+    sensors = model.metadata.layout_mm
+    load = 10 * models.influence_matrix(scene, sensors, [150])[0]
+    two = np.where([True, True, False, False], load, np.nan)
+    told = str(model.estimate(np.stack([load, two, 0 * load, load * [1, -1, 1, -1]]))).splitlines()
+    assert re.fullmatch(r"contact at 15\d\.\d+ mm \(14\d\.\d+ to 15\d\.\d+\) with \d+\.\d+ N \(.* to .*\)", told[0]), (
+        told
+    )
+    assert told[1].endswith("; 2 channels cannot tell it from other loads")
+    assert told[2:] == ["clear, nothing touches", "unexplained: not one contact, or a wrong sensor"]
+    assert str(model.estimate(np.empty((0, 4)))) == ""
+
+
+@pytest.mark.promise(
+    "docs/reference/python.md",
+    "NaN stands for a sensor that is out, and `evaluate(missing=...)` measures the model without it",
+)
+def test_a_model_is_tried_without_a_sensor(scene: models.Scene, bench_model: Path) -> None:
+    model = models.load_model(bench_model)
+    three = models.resolve(scene).layout(model.metadata.layout_mm[1:])
+    without, whole = (model.evaluate(draws=2000, missing=out) for out in (["s1"], []))
+    assert without.span.limit_mean_mm is not None
+    limit = three.limit(draws=2000)
+    off = without.span.limit_mean_mm.value - limit.value
+    assert abs(off) < 4 * np.hypot(limit.standard_error, without.span.limit_mean_mm.standard_error)
+    assert without.span.ratio is not None
+    assert without.span.ratio.value < 1.05
+    assert without.span.mean_mm.value > 1.1 * whole.span.mean_mm.value
+    assert without.position_coverage is not None
+    assert 0.92 < without.position_coverage.value < 0.98
+    assert without.unexplained is not None
+    assert without.unexplained.value < 0.01
 
 
 def test_a_table_of_influence_stands_in_for_the_beam(scene: models.Scene, bench_model: Path) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from beamtouch_common.digits import digits
+from beamtouch_common.digits import Rounded, digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import limit
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
@@ -46,8 +46,8 @@ POSITIONS = 41
 """Places of contacts along the beam, unless a script names others."""
 
 
-@dataclass(frozen=True)
-class ErrorAlong:
+@dataclass(frozen=True, repr=False)
+class ErrorAlong(Rounded):
     """The accuracy limit along the beam: the mean error of contacts at each place, in mm.
 
     >>> along = layout.error_along([50, 200])

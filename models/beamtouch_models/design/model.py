@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from beamtouch_common.digits import digits
+from beamtouch_common.digits import decimals_of, digits
 from beamtouch_common.files import write_atomically
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import evaluation
@@ -22,7 +24,58 @@ from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.numbers import array_of, numbers, whole
 from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import loading
+from beamtouch_models.runtime.decision.decider import State, state_of
+from beamtouch_models.runtime.decision.evidence import CHECKED, LOG_ODDS, Weighed, evidence
 from beamtouch_models.runtime.loading import MAX_RATIO, ModelFile
+from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
+
+FIGURES = (*POSITION_OUTPUTS[:3], *FORCE_OUTPUTS)
+"""Outputs that hold in a contact only."""
+STATES = "<U11"
+"""The type of their names in an array; also if there are none."""
+FINENESS = 20
+"""Parts of an interval that the decimals of its text show."""
+
+
+class Estimates(dict[str, NDArray[Any]]):
+    """The answers of a model to samples: an array (samples,) by name. Printed, they are a line for each sample.
+
+    `state` is "contact", "clear" or "unexplained" as in the answers of the service, and `channels` is how many channels
+    took part. The other names are the outputs of the model, which `Model.estimate` has.
+
+    >>> model.estimate([[0.58, 0.45], [0, 0.0001], [0.7, -0.7]])
+    contact at 118.4 mm (114.8 to 121.8); 2 channels cannot tell it from other loads
+    clear, nothing touches
+    unexplained: not one contact, or a wrong sensor
+    """
+
+    def __repr__(self) -> str:
+        """Return what is known of each sample."""
+        return "\n".join(map(self._told, range(len(self["position_mm"]))))
+
+    def _told(self, row: int) -> str:
+        """Return what is known of a sample."""
+        figures = {name: float(values[row]) for name, values in self.items() if name in FIGURES}
+        state = self["state"][row] if "state" in self else State.CONTACT
+        if state == State.CLEAR:
+            return "clear, nothing touches"
+        if state == State.UNEXPLAINED:
+            return "unexplained: not one contact, or a wrong sensor"
+        told = f"contact at {_with_interval(figures, 'position', 'mm')}"
+        if "force_n" in figures:
+            told += f" with {_with_interval(figures, 'force', 'n')}"
+        few = f"; {self['channels'][row]} channels cannot tell it from other loads"
+        return told + (few if self["channels"][row] < CHECKED else "")
+
+
+def _with_interval(figures: dict[str, float], name: str, unit: str) -> str:
+    """Return a figure with its interval, if it has one, to the decimals that the interval is worth."""
+    value, symbol = figures[f"{name}_{unit}"], unit if unit == "mm" else "N"
+    ends = figures.get(f"{name}_low_{unit}"), figures.get(f"{name}_high_{unit}")
+    if ends[0] is None or ends[1] is None:
+        return f"{digits(value, 4)} {symbol}"
+    decimals = decimals_of((ends[1] - ends[0]) / FINENESS)
+    return f"{value:.{decimals}f} {symbol} ({ends[0]:.{decimals}f} to {ends[1]:.{decimals}f})"
 
 
 @dataclass(frozen=True, repr=False)
@@ -33,8 +86,10 @@ class Model(ModelFile):
 
     >>> deflection_mm = 10 * influence_matrix(scene, layout.positions_mm, [150])
     >>> answers = model.estimate(deflection_mm)
-    >>> {name: float(answers[name][0].round(1)) for name in ("position_low_mm", "position_mm", "position_high_mm")}
-    {'position_low_mm': 146.6, 'position_mm': 150.0, 'position_high_mm': 153.5}
+    >>> answers
+    contact at 150.0 mm (146.6 to 153.5); 2 channels cannot tell it from other loads
+    >>> answers["state"].tolist(), answers["position_mm"].round(1)
+    (['contact'], array([150.]))
     """
 
     content: bytes
@@ -54,8 +109,8 @@ class Model(ModelFile):
         """Write the model file, whole or not at all; OSError if that is impossible."""
         write_atomically(Path(path), self.content)
 
-    def estimate(self, deflection_mm: ArrayLike) -> dict[str, Floats]:
-        """Return the answers to settled samples of all channels, as the service gives them.
+    def estimate(self, deflection_mm: ArrayLike) -> Estimates:
+        """Return the answers to settled samples, as the service gives them.
 
         A settled sample is the mean of so many readings as fit in the latency of the scene, of a beam at rest, with the
         errors of `Surface.errors`; `Layout.simulate` makes such samples.
@@ -63,33 +118,55 @@ class Model(ModelFile):
         Parameters
         ----------
         deflection_mm : (samples, channels) in mm, as the sensors measure them, in the order of the layout; (channels,)
-            for one sample
+            for one sample. NaN: the channel is out, and the others answer without it.
 
         Returns
         -------
-        An array (samples,) per output. `position_mm` is the median of what the sample leaves possible,
-        `position_low_mm` to `position_high_mm` hold 95 % of it; likewise `force_n`, `force_low_n` and `force_high_n` if
-        the scene asks for a force. `contact_log_odds` is how much likelier a contact makes the sample than rest, as a
-        natural logarithm. `misfit` is the squared distance of the sample from the best contact in standard deviations;
-        beyond `metadata.thresholds.misfit[-1]` it is not one contact.
+        An array (samples,) by name. `state` is "contact", "clear", or "unexplained": neither rest nor one contact makes
+        such a sample. Figures of a contact are NaN if there is none: `position_mm` is the median of what the sample
+        leaves possible, `position_low_mm` to `position_high_mm` hold 95 % of it; likewise `force_n`, `force_low_n` and
+        `force_high_n` if the scene asks for a force. `contact_log_odds` is how much likelier a contact makes the sample
+        than rest, as a natural logarithm. `misfit` is the squared distance of the sample from the best contact in
+        standard deviations. `channels` is how many channels took part. The paper's network gives positions only.
 
         Raises
         ------
         SceneError
-            They are not numbers that the sensors can measure, or not one per channel.
+            They are not numbers that the sensors can measure, or not one per channel, or too few channels take part.
         """
         samples, names = np.atleast_2d(array_of(deflection_mm, "deflection_mm")), self.channels
-        if samples.ndim != 2 or samples.shape[1] != len(names) or not np.all(np.isfinite(samples)):
-            given = f"given: {samples.shape}" if np.all(np.isfinite(samples)) else "given: one that is not finite"
-            wanted = f"finite numbers in mm, {len(names)} for each sample: {', '.join(names)}"
+        if samples.ndim != 2 or samples.shape[1] != len(names) or np.any(np.isinf(samples)):
+            given = "given: one that is infinite" if np.any(np.isinf(samples)) else f"given: {samples.shape}"
+            wanted = f"numbers in mm, {len(names)} for each sample: {', '.join(names)}"
             raise SceneError(f"deflection_mm: give {wanted} ({given})")
-        if (most_mm := float(np.abs(samples).max(initial=0.0))) > self.largest_mm:
+        valid = ~np.isnan(samples)
+        channels = valid.sum(axis=1)
+        self._require_channels(int(channels.min(initial=len(names))), "deflection_mm: of a sample")
+        if (most_mm := float(np.abs(samples[valid]).max(initial=0.0))) > self.largest_mm:
             largest = digits(self.metadata.max_deflection_mm, 3)
             raise SceneError(
                 f"deflection_mm: {digits(most_mm, 3)} is more than {MAX_RATIO:g} times the largest deflection of the "
                 f"scene, {largest} mm; give it in mm"
             )
-        return self.answer(samples)
+        answers: dict[str, NDArray[Any]] = self.answer(samples)
+        if LOG_ODDS not in answers:
+            return Estimates(answers, channels=channels)
+        variance_mm2 = np.full(samples.shape, self.metadata.noise.sample_mm**2)
+        covariance_mm2 = variance_mm2[:, :, None] * np.eye(len(names))
+        weighed = Weighed(np.where(valid, samples, 0.0), covariance_mm2, variance_mm2, valid)
+        found = evidence(self.metadata, self.run, weighed)
+        state = np.array([state_of(self.metadata.thresholds, one).value for one in found], dtype=STATES)
+        for name in FIGURES:
+            if name in answers:
+                answers[name] = np.where(state == State.CONTACT, answers[name], np.nan)
+        return Estimates(answers, state=state, channels=channels)
+
+    def _require_channels(self, working: int, where: str) -> None:
+        """Raise SceneError, which says `where`, if too few channels take part."""
+        if working < (least := self.metadata.min_channels):
+            raise SceneError(
+                f"{where}, {working} of {len(self.channels)} channels take part, but the model needs {least}"
+            )
 
     def evaluate(
         self,
@@ -97,6 +174,7 @@ class Model(ModelFile):
         noise_mm: float | None = None,
         draws: int = 20_000,
         seed: int = 0,
+        missing: Sequence[str] = (),
         influence: InfluenceFunction | None = None,
         progress: Fraction = silent,
         spread: TaskMap = in_turn,
@@ -107,6 +185,7 @@ class Model(ModelFile):
         ----------
         noise_mm : standard deviation of a sample; default: that of the model
         draws, seed : number of simulated contacts, at least, and their seed
+        missing : names of channels that are out; the limit is then that of the others
         influence : an influence function of your own for the simulated contacts; default: that of the model's scene,
             with the departures of its calibration
         progress, spread : called with the fraction done; maps the tasks, one after the other by default
@@ -114,10 +193,16 @@ class Model(ModelFile):
         Raises
         ------
         SceneError
-            The noise is out of proportion to the deflection, or the scene in the model cannot be computed.
+            The noise is out of proportion to the deflection, a channel that is missing is none of the model's or leaves
+            too few, or the scene in the model cannot be computed.
         """
         draws, seed, metadata = whole(draws, "draws", 1), whole(seed, "seed", 0), self.metadata
         prior = prior_of_model(metadata)
+        if isinstance(missing, str) or (unknown := set(missing) - set(self.channels)):
+            given = repr(missing) if isinstance(missing, str) else ", ".join(map(str, unknown))
+            raise SceneError(f"missing: give a list of some of {', '.join(self.channels)} (given: {given})")
+        out = [place for place, channel in enumerate(self.channels) if channel in missing]
+        self._require_channels(len(self.channels) - len(out), f"missing: without {', '.join(missing)}")
         if influence is not None:
             check_own(influence, prior.extent.range_mm, prior.force_n, prior.diagonal_mm)
             prior = _with_own(prior, influence, on_axis(metadata.layout_mm), np.array(metadata.departures.gain))
@@ -125,7 +210,7 @@ class Model(ModelFile):
             stated_mm = numbers(noise_mm, "noise_mm", least=0.0)[0]
             check_scale(stated_mm, metadata.max_deflection_mm)
             prior = prior.at_noise(float(stated_mm))
-        return evaluation.evaluate(self, prior, draws=draws, seed=seed, progress=progress, spread=spread)
+        return evaluation.evaluate(self, prior, draws=draws, seed=seed, missing=out, progress=progress, spread=spread)
 
 
 def _with_own(prior: Prior, influence: InfluenceFunction, sensor_mm: Floats, gain: Floats) -> Prior:

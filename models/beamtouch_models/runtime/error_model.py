@@ -17,14 +17,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from beamtouch_common.digits import Rounded
 from beamtouch_models.arrays import Bools, Floats, Indices
 
 NORMAL_975 = 1.959964
 """97.5 % quantile; an interval of 95 % reaches this many standard deviations to either side."""
 
 
-@dataclass(frozen=True, eq=False)
-class Errors:
+@dataclass(frozen=True, eq=False, repr=False)
+class Errors(Rounded):
     """Errors of a sample, as standard deviations: a number for every channel, or (channels,) one for each.
 
     >>> Errors(0.003, gain=0.01, zero_mm=0.004).deviation_mm(np.array([[0.0, 1.2]]))

@@ -76,11 +76,12 @@ class ModelFile:
         return self.graph.run(deflection_mm, whitening_per_mm)
 
     def answer(self, deflection_mm: Floats, noise_mm: float | None = None) -> dict[str, Floats]:
-        """Answer samples of all channels as the service does, with the floor of the file.
+        """Answer samples as the service does, with the floor of the file.
 
         Parameters
         ----------
-        deflection_mm : (samples, channels), as the sensors measure them, in the order of the layout
+        deflection_mm : (samples, channels), as the sensors measure them, in the order of the layout; NaN for a channel
+            that is missing
         noise_mm : standard deviation of their noise; None or 0: that of a settled sample
 
         Returns
@@ -88,8 +89,9 @@ class ModelFile:
         One array (samples,) per output name.
         """
         floor, noise_mm = self.metadata.floor, noise_mm or self.metadata.noise.sample_mm
-        covariance_mm2 = np.eye(len(self.channels)) * noise_mm**2
-        answers = self.run(deflection_mm, whitening(deflection_mm, covariance_mm2, floor.gain, floor.zero_mm))
+        covariance_mm2, valid = np.eye(len(self.channels)) * noise_mm**2, ~np.isnan(deflection_mm)
+        deflection_mm = np.where(valid, deflection_mm, 0.0)
+        answers = self.run(deflection_mm, whitening(deflection_mm, covariance_mm2, floor.gain, floor.zero_mm, valid))
         return {name: values.astype(np.float64) for name, values in answers.items()}
 
 

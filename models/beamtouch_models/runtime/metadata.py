@@ -17,6 +17,7 @@ from pydantic import (
 )
 
 from beamtouch_common.complaints import reason_of
+from beamtouch_common.digits import rounded
 from beamtouch_common.names import Name
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
@@ -39,6 +40,13 @@ class MetadataPart(BaseModel):
     """A part of the metadata. It is immutable, and unknown fields are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    def __repr__(self) -> str:
+        """Return the fields with rounded numbers."""
+        shown = [name for name, field in type(self).model_fields.items() if field.repr]
+        return f"{type(self).__name__}({', '.join(f'{name}={rounded(getattr(self, name))}' for name in shown)})"
+
+    __str__ = __repr__
 
 
 class Channel(MetadataPart):
@@ -332,8 +340,8 @@ class Metadata(MetadataPart):
     accuracy: Accuracy
     calibration: Calibration | None = None
     """None if the model was made from the scene alone."""
-    golden: Golden
-    scene: str
+    golden: Golden = Field(repr=False)
+    scene: str = Field(repr=False)
     """TOML text of the scene, so that the model can be rebuilt from its own file."""
 
     @model_validator(mode="after")

@@ -1,9 +1,11 @@
 """Evaluation of a model: errors beside the accuracy limit, intervals, detection, with standard errors. Pure."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beamtouch_common.digits import Rounded
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_error_mm
 from beamtouch_models.design.accuracy.limit import simulated
@@ -27,8 +29,8 @@ MIN_SHARE = 1e-3
 """Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
 
 
-@dataclass(frozen=True)
-class PositionErrors:
+@dataclass(frozen=True, repr=False)
+class PositionErrors(Rounded):
     """|position error| over contacts of a stretch of the beam, in mm.
 
     >>> errors = model.evaluate(draws=200).middle
@@ -47,8 +49,8 @@ class PositionErrors:
     """Mean error over the mean of the limit, on the same contacts."""
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(Rounded):
     """The evaluation of a model at one noise.
 
     >>> found = model.evaluate(draws=200)
@@ -86,14 +88,20 @@ def evaluate(
     *,
     draws: int,
     seed: int,
+    missing: Sequence[int] = (),
     progress: Fraction = silent,
     spread: TaskMap = in_turn,
 ) -> Evaluation:
-    """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
+    """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior.
+
+    `missing` are the places of channels that take no part; the limit is that of the others.
+    """
+    prior = prior.without(*missing) if missing else prior
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done), spread)
     drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.drawn.weight
     weight = np.broadcast_to(counts[:, None], likely.shape)
-    answers, thresholds = estimates(model, prior, drawn.deflection_mm), model.metadata.thresholds
+    answers, thresholds = estimates(model, prior, drawn.deflection_mm, missing), model.metadata.thresholds
+    place = prior.channels - 1
     progress(0.9)
     worst = np.abs(answers["position_mm"] - drawn.position_mm)
     error = contacts.error_mm(answers["position_mm"])
@@ -109,7 +117,7 @@ def evaluate(
     tells_force, smallest_n = "force_n" in answers, None
     if tells_contact and prior.errors.noise_mm > 0:
         supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
-        smallest_n = extremes(smallest_forces(prior, thresholds.touch[-1], supports_mm).force_n)
+        smallest_n = extremes(smallest_forces(prior, thresholds.touch[place], supports_mm).force_n)
     return Evaluation(
         noise_mm=prior.errors.noise_mm,
         draws=len(worst),
@@ -129,15 +137,22 @@ def evaluate(
         if tells_force and not prior.force_is_known
         else None,
         force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if tells_force else None,
-        missed=share_of(answers["contact_log_odds"] <= thresholds.touch[-1], counts) if tells_contact else None,
+        missed=share_of(answers["contact_log_odds"] <= thresholds.touch[place], counts) if tells_contact else None,
         smallest_force_n=smallest_n,
-        unexplained=share_of(answers["misfit"] > thresholds.misfit[-1], counts) if "misfit" in answers else None,
+        unexplained=share_of(answers["misfit"] > thresholds.misfit[place], counts) if "misfit" in answers else None,
     )
 
 
-def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
-    """Return the answers to deflections (samples, channels) that are linear in the force; all channels are valid."""
-    return model.answer(prior.measured(deflection_mm), prior.errors.noise_mm)
+def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats, missing: Sequence[int] = ()) -> dict[str, Floats]:
+    """Return the answers to deflections (samples, channels) that are linear in the force.
+
+    The channels are those of the prior: all of the model but those at the places `missing`.
+    """
+    linear = np.zeros((len(deflection_mm), len(model.channels)))
+    linear[:, np.setdiff1d(np.arange(len(model.channels)), missing)] = deflection_mm
+    measured = prior.measured(linear)
+    measured[:, list(missing)] = np.nan
+    return model.answer(measured, prior.errors.noise_mm)
 
 
 def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> PositionErrors:

@@ -15,7 +15,7 @@ SCRAMBLINGS = 16
 """Number of independent parts of evenly spread draws."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Measurement:
     """A measured value and its standard error.
 
@@ -29,6 +29,8 @@ class Measurement:
     def __str__(self) -> str:
         """Return the value with three digits, and its error with one."""
         return f"{digits(self.value, 3)} +- {digits(self.standard_error, 1)}"
+
+    __repr__ = __str__
 
     def scaled(self, factor: float) -> "Measurement":
         """Return the measurement in another unit."""

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from beamtouch_common.digits import Rounded
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.numbers import array_of
@@ -189,8 +190,8 @@ def even_loads_mm(position_mm: tuple[float, float], length_mm: float) -> Floats:
     return np.linspace(low, high, max(1, round((high - low) / length_mm * LOADS)) + 1)
 
 
-@dataclass(frozen=True)
-class Travel:
+@dataclass(frozen=True, repr=False)
+class Travel(Rounded):
     """How far the contacts of a scene move a structure of one axis, anywhere on it."""
 
     lift_mm: float

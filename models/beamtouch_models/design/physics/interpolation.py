@@ -60,11 +60,11 @@ def interpolate_influence(
     Examples
     --------
     >>> places = np.linspace(0, 400, 41)
-    >>> soft = 2 * influence_matrix(scene, places, places)
+    >>> table = 0.5 * influence_matrix(scene, places, places)
     >>> measured = change_scene(scene, beam=None)
-    >>> own = interpolate_influence(measured, places, places, soft)
-    >>> print(resolve(measured, influence=own).layout([130, 270]).limit(draws=500), "mm, as it yields twice as much")
-    4.56 +- 0.06 mm, as it yields twice as much
+    >>> own = interpolate_influence(measured, places, places, table)
+    >>> print(resolve(measured, influence=own).layout([130, 270]).limit(draws=500), "mm, as it yields half as much")
+    6.12 +- 0.09 mm, as it yields half as much
     """
     require(scene, Scene, "scene", "what read_scene or make_scene returns")
     from scipy.interpolate import RectBivariateSpline  # noqa: PLC0415  # slow to import, and only scripts need it

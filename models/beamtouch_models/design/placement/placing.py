@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamtouch_common.digits import digits
+from beamtouch_common.digits import Rounded, digits
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.limit import accuracy_limit, limits_without
 from beamtouch_models.design.accuracy.prior import Prior
@@ -74,8 +74,8 @@ DEFAULT_AIM = Aim(CRITERIA[0])
 """Its error is smaller, and it notices loads that are not one contact as often (decision 024)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Placement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(Rounded):
     """A layout, and the search that found it."""
 
     place_mm: Floats

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamtouch_common.digits import Rounded
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.beam import load_positions_mm
 from beamtouch_models.design.physics.motion import M_PER_MM, Modes, damping_of
@@ -29,8 +30,8 @@ USUAL = 1 / 2
 """Swing of an aliased mode under a usual load, over its largest."""
 
 
-@dataclass(frozen=True)
-class Aliased:
+@dataclass(frozen=True, repr=False)
+class Aliased(Rounded):
     """A mode that seems to stand still."""
 
     mode: int

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from beamtouch_common.digits import digits
+from beamtouch_common.digits import Rounded, digits
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import Chain, Mean, readings_within
@@ -45,8 +45,8 @@ MIN_DEFLECTION_MM, MAX_DEFLECTION_MM = 1e-9, 1e9
 """Bounds of a beam's largest deflection, with a wide margin; their squares fit float32."""
 
 
-@dataclass(frozen=True)
-class ReadingErrors:
+@dataclass(frozen=True, repr=False)
+class ReadingErrors(Rounded):
     """The errors of a scene's readings, as standard deviations; all but the noise stay when readings are averaged."""
 
     sensor_mm: float

@@ -7,13 +7,13 @@ sum of their prices stays under a tenth. The sum bounds their joint effect.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
 
-from beamtouch_common.digits import digits
+from beamtouch_common.digits import Rounded, digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics import motion
@@ -40,8 +40,8 @@ POISSON_RATIO = 0.3
 """Value of most metals; it gives the shear modulus if the scene does not state one."""
 
 
-@dataclass(frozen=True)
-class Effect:
+@dataclass(frozen=True, repr=False)
+class Effect(Rounded):
     """An effect, priced for a scene."""
 
     name: str
@@ -52,10 +52,10 @@ class Effect:
     """"in" or "out" of the influence matrix; "floor": part of the covariance of every sample; "not modelled": it
     matters, but no part of the model can include it."""
     reason: str
-    having: Scene | None = None
-    lacking: Scene | None = None
+    having: Scene | None = field(default=None, repr=False)
+    lacking: Scene | None = field(default=None, repr=False)
     """The scene with and without the effect, if the two differ."""
-    leave_out: Callable[[Scene], Scene] | None = None
+    leave_out: Callable[[Scene], Scene] | None = field(default=None, repr=False)
     """Removes the effect from a scene; None if that changes nothing."""
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from beamtouch_common.digits import digits
+from beamtouch_common.digits import Rounded, digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.motion import damping_of, first_frequency_hz, frequency_hz, laden_period_s, swing
 from beamtouch_models.design.pricing.aliases import Aliased, aliased_modes, at_rate, unseen_of, unseen_swing
@@ -25,8 +25,8 @@ from beamtouch_models.numbers import number, numbers
 ASSUMED = " (assumed; with a tenth of it, all times are ten times as long: measure it, and state beam.damping_ratio)"
 
 
-@dataclass(frozen=True)
-class Ringing:
+@dataclass(frozen=True, repr=False)
+class Ringing(Rounded):
     """The ringing of a scene's beam."""
 
     frequency_hz: float

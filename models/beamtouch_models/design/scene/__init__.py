@@ -33,7 +33,8 @@ class Scene(Strict):
     (400.0, (2.0, 20.0))
     """
 
-    model_config = ConfigDict(serialize_by_alias=True)
+    # A file needs a beam; a scene without one is for scripts.
+    model_config = ConfigDict(serialize_by_alias=True, json_schema_extra={"required": ["beam", "contact", "sensors"]})
 
     stated_beam: Beam | None = Field(default=None, alias="beam")
     """The beam, with its supports and its foundation. Only a structure whose influence function a script gives in its
@@ -86,7 +87,7 @@ class Scene(Strict):
         """The beam, for what needs one; SceneError if the scene states none."""
         if self.stated_beam is None:
             raise SceneError(
-                "beam is missing; add it (without a beam, `resolve` takes an influence function of your own, and gives "
+                "beam is missing; add it (`resolve` also takes an influence function of your own in its place, for "
                 "layouts, limits and simulated samples)"
             )
         return self.stated_beam
@@ -117,7 +118,7 @@ def read_scene(scene: Path | str) -> Scene:
     if not isinstance(scene, Path | str):
         raise InputError(f"the scene: give a path or TOML text, not {type(scene).__name__}")
     path = path_of(scene)
-    return parse_scene(str(scene), "the scene") if path is None else load_scene(path)[0]
+    return parse_scene(str(scene), "the scene") if path is None else parse_scene(read_text(path), str(path))
 
 
 def path_of(scene: object) -> Path | None:
@@ -204,9 +205,15 @@ def _toml(value: object) -> str:
 
 
 def load_scene(path: Path) -> tuple[Scene, str]:
-    """Read a scene file; returns the scene and its text. Raises InputError as `parse_scene` does."""
+    """Read the scene file of a command, which states a beam; returns the scene and its text.
+
+    Raises InputError as `parse_scene` does.
+    """
     text = read_text(path)
-    return parse_scene(text, str(path)), text
+    scene = parse_scene(text, str(path))
+    if not scene.has_beam:
+        raise InputError(f"{path}: beam is missing; add it")
+    return scene, text
 
 
 def parse_scene(text: str, origin: str) -> Scene:

@@ -163,6 +163,13 @@ def memories_after(state: State | None) -> tuple[Memory, ...]:
     return (*_CLEAR, AT_REST) if state else (_UNKNOWN, *_CLEAR, AT_REST, *_CONTACT)
 
 
+def state_of(thresholds: Thresholds, evidence: Evidence) -> State:
+    """Return the state that a settled sample shows by itself, whatever was before."""
+    if is_odd(thresholds, evidence):
+        return State.UNEXPLAINED
+    return State.CONTACT if evidence.log_odds > thresholds.touch[evidence.channels - 1] else State.CLEAR
+
+
 class Judgement(NamedTuple):
     """The state after a sample, as far as it is known."""
 
