@@ -155,7 +155,8 @@ def test_a_string_needs_no_beam_and_a_beam_no_string() -> None:
     assert not scene.has_beam
     surface = models.resolve(scene, influence=EXACT)
     assert surface.place(2, effort=0.01).limit(draws=200).value < surface.layout([40.0, 460.0]).limit(draws=200).value
-    assert surface.ringing is surface.slowest_period_ms is None
+    assert surface.ringing is None
+    assert surface.slowest_period_ms is None
     assert [effect.name for effect in surface.effects if effect.verdict == "floor"] == [
         "gain error", "zero drift", "drift in a minute",
     ]  # fmt: skip
@@ -226,9 +227,14 @@ def test_the_price_of_an_interpolation_says_how_close_places_must_be() -> None:
     assert "of a table of places 10 mm apart; with one at every" in first.reason
     # Of a smooth structure, the error falls with the fourth power of the distance; of one with kinks, hardly faster
     # than the distance.
-    smooth = string_of(scene, 51).interpolation
+    kinked = string_of(scene, 51).interpolation
+    assert kinked is not None
+    assert 1 <= kinked.order < 2
+    places_mm = np.linspace(0.0, LENGTH_MM, 51)
+    shapes = np.sin(np.pi * places_mm / LENGTH_MM)
+    smooth = models.interpolate_influence(scene, places_mm, places_mm, np.outer(shapes, shapes)).interpolation
     assert smooth is not None
-    assert 1 <= smooth.order < 2
+    assert 3 < smooth.order <= 4
 
 
 def test_a_sensor_at_a_column_of_a_table_is_known_better_than_one_between_two() -> None:

@@ -119,7 +119,7 @@ class Surface:
     def touch_rate(self) -> float:
         """Probability of a sample at rest to be taken for a contact, which the thresholds of touch are for."""
         per_day, rate_hz = self.scene.requirements.false_contacts_per_day, self.scene.sensors.rate_hz
-        return rate_per_sample(per_day, rate_hz, self.filter.window)
+        return float(rate_per_sample(per_day, rate_hz, self.filter.window))
 
     @property
     def noise(self) -> Noise:

@@ -39,7 +39,7 @@ class Interpolation:
     """The power of that distance with which the deviation falls."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class InfluenceFunction:
     """Deflections of a structure per newton, for its range of contacts.
 
@@ -49,6 +49,8 @@ class InfluenceFunction:
     ...     left, right = np.minimum.outer(load_mm, sensor_mm), 400 - np.maximum.outer(load_mm, sensor_mm)
     ...     return left * right / (400 * 100)
     >>> string = InfluenceFunction(400, np.linspace(10, 390, 381), (2, 20), at)
+    >>> string
+    InfluenceFunction(400 mm, loads at 10..390 mm with 2..20 N)
     >>> string.matrix(np.array([200])).max()
     np.float64(1.0)
 
@@ -90,6 +92,13 @@ class InfluenceFunction:
         object.__setattr__(self, "at", partial(_checked, self.at, axes, is_beam))
         # A few values, in no order, so that a function with swapped arguments is refused at once.
         self.at(np.array([0.7, 0.2, 0.5])[:, None] * self.size_mm, places[[-1, 0]])
+
+    def __repr__(self) -> str:
+        """Return of what structure and contacts it is."""
+        size = " x ".join(f"{length:g}" for length in self.size_mm)
+        places = ", ".join(f"{low:g}..{high:g}" for low, high in self.extent.ranges_mm)
+        forces = "..".join(f"{force:g}" for force in sorted(set(self.force_n)))
+        return f"InfluenceFunction({size} mm, loads at {places} mm with {forces} N)"
 
     def _require(self, name: str, is_kept: bool, wanted: str) -> None:
         if not is_kept:
