@@ -203,7 +203,6 @@ def test_a_table_promises_no_more_than_the_string_that_it_was_taken_from(positio
         models.resolve(scene, influence=own).layout(positions_mm).limit(draws=500)
         for own in (EXACT, string_of(scene, 26), string_of(scene, 201))
     )
-    print(truth, coarse, fine)
     assert coarse.value > 0.97 * truth.value
     assert fine.value == pytest.approx(truth.value, rel=0.05)
 

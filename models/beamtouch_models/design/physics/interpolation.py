@@ -2,10 +2,12 @@
 
 Splines between few places make detail that nobody has measured: about a kink, as a string has at its load, they swing,
 and a swing looks like information. So a table is trusted as far as it foretells itself: every fourth place is left out
-in turn, and the root mean square of what the splines of the others miss there is the standard deviation of what the
-whole table's are off between its places. For each sensor it is one number for all loads: one that changed along the
-structure would be detail again. It is cautious, as leaving a place out doubles the gap: a smooth structure is
-interpolated some ten times as well as this says, and one with kinks three times.
+in turn, and the root mean square of what the splines of the others miss there says how far they are off across twice
+the distance. How it falls with the distance, the table and every other place of it say: as about its first power at
+kinks, as its fourth where the structure is smooth (de Boor, A Practical Guide to Splines, 2001, chapter XII). So it is
+taken to the distance of the places (Richardson's extrapolation), which gives the standard deviation of what the table
+leaves open. For each sensor it is one number for all loads: one that changed along the structure would be detail again.
+Of a string, a beam and a cantilever, with 9 to 81 places, it is 0.6 to 3 times what splines really are off.
 """
 
 from __future__ import annotations
@@ -101,6 +103,7 @@ def _left_open(load_mm: Floats, sensor_mm: Floats, table: Floats) -> Interpolati
         else ("sensor_mm", sensor_mm, table.T)
     )
     spacing_mm, order = float(np.diff(places).max()), _order(places, values)
+    nearer = [2.0 ** -_order(*along) for along in ((load_mm, table), (sensor_mm, table.T))]
     if share > COARSE * influence:
         needed_mm = spacing_mm * (COARSE * influence / share) ** (1 / order)
         raise SceneError(
@@ -108,7 +111,9 @@ def _left_open(load_mm: Floats, sensor_mm: Floats, table: Floats) -> Interpolati
             f"is left out by {digits(100 * share / influence, 2)} % of the influence, and more than {100 * COARSE:g} % "
             f"is not trusted; give one at every {at_most(needed_mm):g} mm"
         )
-    of_rows, of_columns = (np.mean(np.square(one), axis=0) for one in (rows, columns))
+    of_rows, of_columns = (
+        np.mean(np.square(factor * one), axis=0) for factor, one in zip(nearer, (rows, columns), strict=True)
+    )
     return Interpolation(partial(_deviation, sensor_mm, of_rows, of_columns), spacing_mm, order)
 
 
