@@ -19,12 +19,14 @@ from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import MistakenLoad, mistaken
 from beamtouch_models.design.calibration.nominal_surface import POSITION_MM, NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads, RecordingError
-from beamtouch_models.design.calibration.session import Session
+from beamtouch_models.design.calibration.session import DRIFTING, Session
 from beamtouch_models.design.calibration.swapped import swapped
+from beamtouch_models.design.calibration.unlabelled import measure_remaining
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.design.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
 from beamtouch_models.design.placement.placing import Aim
+from beamtouch_models.design.scene.tables import MAX_GAIN_PERCENT
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.sweeps import Fraction, Progress, silent
 from beamtouch_models.design.world import World
@@ -87,28 +89,47 @@ def calibrate(
     """
     metadata, checked = model.metadata, checked_fit(model, loads, progress, mounting_mm)
     departures, before_mm, after_mm = checked.fit.departures, checked.before_mm, checked.after_mm
-    # The error of a prediction beyond the noise of the recording widens the intervals.
-    bends_mm = checked.fit.session.bends_mm(checked.fit.vector)
-    left_mm = (checked.fit.errors.residual_mm, checked.fit.prediction_mm, np.sqrt(np.nanmean(bends_mm**2)))
-    residual_mm = float(np.linalg.norm(left_mm))
-    # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
-    zero_mm = np.hypot(resolve_model(metadata).readings.floor_mm, residual_mm)
-    # The offsets are what the zeros drifted between the tare and the recording. They went on to drift during it. The
-    # next tare takes both away.
-    drifted_mm = np.abs(checked.fit.session.drift_mm(checked.fit.vector)).max(axis=0)
-    zero_mm = np.hypot(np.hypot(zero_mm, departures.offset_mm), drifted_mm)
-    prior = checked.fit.nominal.prior_with(departures).with_floor(np.array(metadata.floor.gain), zero_mm)
+    floor = floor_of(metadata, checked.fit)
+    prior = checked.fit.nominal.prior_with(departures).with_floor(*floor)
     calibration = Calibration(
         departures=departures,
         fitted=[kind for kind in checked.fit.kinds if kind in checked.fit.nominal.kinds],
         loads=len(loads.number),
-        residual_mm=residual_mm,
+        residual_mm=float(np.hypot(_unexplained_mm(checked.fit), checked.fit.prediction_mm)),
         error_before_mm=float(before_mm.mean()),
         error_after_mm=float(after_mm.mean()),
+        force_error=force_error_of(checked.fit),
     )
     content, fresh = rebuilt(metadata, prior, calibration, progress, effort)
     best_mm = limit_mm(prior, loads, metadata.seed)
     return Calibrated(checked.fit, before_mm, after_mm, content, fresh, best_mm)
+
+
+def floor_of(metadata: Metadata, fit: Fit) -> tuple[Floats, Floats]:
+    """Return the errors of gains and zeros (channels,) that a fit to loads leaves, for samples of the fitted surface.
+
+    The gains take the place of those of the scene, which the fit has measured. Departures move deflections along with
+    the force: as gains, what they leave open is small for a weak contact.
+    """
+    nominal, scene_mm = fit.nominal, resolve_model(metadata).readings.floor_mm
+    size, offset = nominal.size, nominal.kinds["offset"]
+    covariance = fit.covariance[:size, :size].copy()
+    # The next tare takes the zeros of the recording away.
+    covariance[offset], covariance[:, offset] = 0.0, 0.0
+    noise_mm = np.full(nominal.prior.channels, np.hypot(metadata.noise.sample_mm, scene_mm))
+    remaining = measure_remaining(nominal, fit.vector[:size], covariance, noise_mm)
+    # Until then, they are off by what drifted between the tare and the recording, and by what shows to drift during it.
+    drift, shown = fit.session.kinds[DRIFTING], fit.vector.copy()
+    shown[drift] = np.sqrt(np.maximum(shown[drift] ** 2 - fit.spread[drift] ** 2, 0.0))
+    drifted_mm = np.abs(fit.session.drift_mm(shown)).max(axis=0)
+    zero_mm = np.hypot(np.hypot(scene_mm, _unexplained_mm(fit)), fit.departures.offset_mm)
+    return np.minimum(remaining.floor, MAX_GAIN_PERCENT / 100), np.hypot(zero_mm, drifted_mm)
+
+
+def _unexplained_mm(fit: Fit) -> float:
+    """Return what a fit leaves unexplained of the deflections of its loads, beyond noise."""
+    bends_mm = fit.session.bends_mm(fit.vector)
+    return float(np.hypot(fit.errors.residual_mm, np.sqrt(np.nanmean(bends_mm**2))))
 
 
 def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm: float = POSITION_MM) -> CheckedFit:

@@ -98,10 +98,16 @@ def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress)
         # A fixity that is too small to be seen leaves its share of the error.
         covariance = with_fixity.covariance
     noise_mm = np.hypot(metadata.noise.sample_mm, zero_mm)
-    _check_determined(fit, measure_remaining(fit, fit.covariance, noise_mm), gain)
+
+    def remaining_by(covariance: Floats) -> RemainingUncertainty:
+        return measure_remaining(
+            nominal, fit.vector, covariance, noise_mm, start=fit.start, left_error=fit.left_error, is_scale_open=True
+        )
+
+    _check_determined(fit, remaining_by(fit.covariance), gain)
     before, after = (locate(nominal, vector, contacts, zero_mm).residuals for vector in (start, fit.vector))
     misfits = (float(np.median(residuals.misfit(nominal.contact_errors))) for residuals in (before, after))
-    remaining = measure_remaining(fit, covariance, noise_mm)
+    remaining = remaining_by(covariance)
     _check_gains(metadata, remaining, len(contacts))
     return SelfFit(fit, remaining, *misfits)
 

@@ -181,6 +181,7 @@ INNER = 0.05
 """Share of the range at each end that is left out: next to a support, a contact has no position error worth stating."""
 ENOUGH = 0.75
 """Share of these contacts at which the floor states at least the position error that the fit leaves."""
+TINY = float(np.finfo(np.float64).tiny)
 MIN_GAIN = 5e-4
 """Smallest floor of a gain: sensors and amplifiers are not steadier than that."""
 
@@ -196,9 +197,11 @@ class RemainingUncertainty:
     per_gain_mm: Floats
     """(places, channels) change of the position with the gain of each channel."""
     relative: Floats
-    """(departures, departures) covariance without the common scale of the gains, which is force if that is open."""
+    """(departures, departures) covariance, without the common scale of the gains if it looks like force."""
     floor: Floats
     """Gain errors (channels,) that state what the fit leaves open."""
+    force_error: float
+    """Relative error of all forces together: how much the departures that the fit leaves open look like force."""
 
 
 def stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
@@ -207,23 +210,35 @@ def stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
     return deviation_mm
 
 
-def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> RemainingUncertainty:
-    """Return what a fit leaves open.
+def measure_remaining(
+    nominal: NominalSurface,
+    vector: Floats,
+    covariance: Floats,
+    noise_mm: Floats,
+    *,
+    start: Floats | None = None,
+    left_error: float = 0.0,
+    is_scale_open: bool = False,
+) -> RemainingUncertainty:
+    """Return what a fit of a surface leaves open, by unlabelled contacts or by loads.
 
     Parameters
     ----------
-    covariance : (departures, departures), of the departures, in the units of the vector
+    vector, covariance : (departures,) as fitted, and (departures, departures), in its units
     noise_mm : (channels,) noise of a sample with the deviation of its zero
+    start : (departures,) before the fit; None: as fitted
+    left_error : relative error of all deflections that stays unexplained
+    is_scale_open : whether the common scale of the gains is not known, as without known loads
     """
-    nominal, curve = fit.nominal, fit.nominal.curve(fit.vector)
+    curve = nominal.curve(vector)
     (low, high), is_known = nominal.prior.extent.range_mm, nominal.prior.force_is_known
     margin = INNER * (high - low)
     places = on_axis(np.linspace(low + margin, high - margin, PLACES))
     force = np.full(PLACES, np.mean(nominal.prior.force_n))
     clean = curve.measured_mm(places, force)
-    slopes = nominal.slopes(fit.vector, places, force, tuple(nominal.kinds))
+    slopes = nominal.slopes(vector, places, force, tuple(nominal.kinds))
     relative = covariance
-    if not is_known:
+    if is_scale_open and not is_known:
         project, gain = np.eye(nominal.size), nominal.kinds["gain"]
         project[gain, gain] -= 1 / nominal.prior.channels
         relative = project @ covariance @ project.T
@@ -234,9 +249,11 @@ def measure_remaining(fit: ContactFit, covariance: Floats, noise_mm: Floats) -> 
     weights = np.linalg.pinv(np.moveaxis(along, 0, 2) / deviation[..., None])[:, 0] / deviation
     moves = np.einsum("lc,lcv->lv", weights, slopes)
     open_mm = np.sqrt(np.einsum("lv,vw,lw->l", moves, covariance, moves))
-    gain_error = np.sqrt((spread / np.maximum(clean**2, np.finfo(np.float64).tiny)).mean(axis=0))
+    gain_error = np.sqrt((spread / np.maximum(clean**2, TINY)).mean(axis=0))
     gain_error = np.maximum(gain_error, MIN_GAIN)
     factor = float(np.quantile(open_mm / stated_mm(weights * clean, gain_error), ENOUGH))
-    floor = np.maximum(np.hypot(factor * gain_error, fit.left_error), MIN_GAIN)
-    shift_mm = float(np.sqrt(((moves @ (fit.vector - fit.start)) ** 2).mean()))
-    return RemainingUncertainty(open_mm, shift_mm, weights * clean, relative, floor)
+    floor = np.maximum(np.hypot(factor * gain_error, left_error), MIN_GAIN)
+    shift_mm = 0.0 if start is None else float(np.sqrt(((moves @ (vector - start)) ** 2).mean()))
+    share = np.einsum("lc,lcv->lv", clean / np.maximum((clean**2).sum(axis=1, keepdims=True), TINY), slopes)
+    force_error = float(np.sqrt(np.einsum("lv,vw,lw->l", share, covariance, share).mean()))
+    return RemainingUncertainty(open_mm, shift_mm, weights * clean, relative, floor, force_error)
