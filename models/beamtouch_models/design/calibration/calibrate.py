@@ -89,8 +89,8 @@ def calibrate(
     """
     metadata, checked = model.metadata, checked_fit(model, loads, progress, mounting_mm)
     departures, before_mm, after_mm = checked.fit.departures, checked.before_mm, checked.after_mm
-    floor = floor_of(metadata, checked.fit)
-    prior = checked.fit.nominal.prior_with(departures).with_floor(*floor)
+    gain, zero_mm, force_error = left_open(metadata, checked.fit)
+    prior = checked.fit.nominal.prior_with(departures).with_floor(gain, zero_mm)
     calibration = Calibration(
         departures=departures,
         fitted=[kind for kind in checked.fit.kinds if kind in checked.fit.nominal.kinds],
@@ -98,15 +98,15 @@ def calibrate(
         residual_mm=float(np.hypot(_unexplained_mm(checked.fit), checked.fit.prediction_mm)),
         error_before_mm=float(before_mm.mean()),
         error_after_mm=float(after_mm.mean()),
-        force_error=force_error_of(checked.fit),
+        force_error=force_error,
     )
     content, fresh = rebuilt(metadata, prior, calibration, progress, effort)
     best_mm = limit_mm(prior, loads, metadata.seed)
     return Calibrated(checked.fit, before_mm, after_mm, content, fresh, best_mm)
 
 
-def floor_of(metadata: Metadata, fit: Fit) -> tuple[Floats, Floats]:
-    """Return the errors of gains and zeros (channels,) that a fit to loads leaves, for samples of the fitted surface.
+def left_open(metadata: Metadata, fit: Fit) -> tuple[Floats, Floats, float]:
+    """Return what a fit to loads leaves open: errors of gains and zeros (channels,), and of all forces together.
 
     The gains take the place of those of the scene, which the fit has measured. Departures move deflections along with
     the force: as gains, what they leave open is small for a weak contact.
@@ -123,7 +123,8 @@ def floor_of(metadata: Metadata, fit: Fit) -> tuple[Floats, Floats]:
     shown[drift] = np.sqrt(np.maximum(shown[drift] ** 2 - fit.spread[drift] ** 2, 0.0))
     drifted_mm = np.abs(fit.session.drift_mm(shown)).max(axis=0)
     zero_mm = np.hypot(np.hypot(scene_mm, _unexplained_mm(fit)), fit.departures.offset_mm)
-    return np.minimum(remaining.floor, MAX_GAIN_PERCENT / 100), np.hypot(zero_mm, drifted_mm)
+    force_error = 0.0 if nominal.prior.force_is_known else remaining.force_error
+    return np.minimum(remaining.floor, MAX_GAIN_PERCENT / 100), np.hypot(zero_mm, drifted_mm), force_error
 
 
 def _unexplained_mm(fit: Fit) -> float:

@@ -100,8 +100,9 @@ def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress)
     noise_mm = np.hypot(metadata.noise.sample_mm, zero_mm)
 
     def remaining_by(covariance: Floats) -> RemainingUncertainty:
+        before_fit, left = fit.start, fit.left_error
         return measure_remaining(
-            nominal, fit.vector, covariance, noise_mm, start=fit.start, left_error=fit.left_error, is_scale_open=True
+            nominal, fit.vector, covariance, noise_mm, start=before_fit, left_error=left, is_scale_open=True
         )
 
     _check_determined(fit, remaining_by(fit.covariance), gain)

@@ -56,8 +56,8 @@ FARTHEST = -60.0
 QUANTILES = (0.5, 0.025, 0.975, 0.035, 0.965)
 """The median, the ends of the interval, and the inner ends of one that reaches to the other end of the range."""
 REACH = 2.0
-"""An end goes on to that of the range if it leaves out at most this many times what lies between the other quantiles;
-from twice as much on, it does not."""
+"""An end goes on to that of the range if it leaves out at most this many times what lies between the quantiles of the
+other end; from twice as much on, it does not."""
 SHORTEST_MM = 1e-9
 """Keeps divisors off zero."""
 MIN_MASS = 1e-26
@@ -171,13 +171,13 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str) -
     """Return m of an open force, up to a factor, from the best force of each cell and the root of its precision.
 
     It is yet to be divided by that root, which takes less time for the one row of likelihoods. It has a row for the
-    prior of the median and one for each other quantile.
+    prior of the median and one for each end of the interval.
     """
     cautious = cautious_forces(force_n)
     ends, offset = _offset(graph, cautious, root, force)
     error = graph.apply("Erf", offset)
     # Between the ends of a piece, the difference of erf is at most 2; the masses are 1 within the range.
-    rows = np.stack([_densities(forces_of(force_n), ends), *[_densities(cautious, ends)] * (len(QUANTILES) - 1)])
+    rows = np.stack([_densities(forces_of(force_n), ends), *[_densities(cautious, ends)] * 2])
     return _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
 
 
@@ -312,21 +312,25 @@ def state_answers(graph: Graph, prior: Prior, found: Scored, least: str, grid: G
     posterior = graph.apply("LpNormalization", likely, axis=2, p=1)
     posterior = graph.apply("Max", posterior, graph.constant(MIN_MASS))
     low_mm, high_mm = prior.extent.range_mm
-    _state_position(graph, grid, posterior, high_mm - low_mm)
+    _state_position(graph, grid, posterior, high_mm - low_mm, every_row=known is None)
     if not with_force:
         return list(POSITION_OUTPUTS)
     if known:
         state_known_force(graph, force_n[1], found, posterior, known)
     else:
-        # Median and ends.
-        posterior = graph.apply("Slice", posterior, graph.ints(0), graph.ints(3), graph.ints(1))
         state_force(graph, force_n, found, posterior, fine=grid.fine)
     return [*POSITION_OUTPUTS, *FORCE_OUTPUTS]
 
 
-def _state_position(graph: Graph, grid: Grid, posterior: str, length_mm: float) -> None:
-    """Add median and interval from the posteriors over the cells; `length_mm` is that of the range."""
+def _state_position(graph: Graph, grid: Grid, posterior: str, length_mm: float, *, every_row: bool) -> None:
+    """Add median and interval from the posteriors over the cells; `length_mm` is that of the range.
+
+    `every_row`: there is one posterior for the median and one for each end; otherwise one for all.
+    """
     before = graph.apply("CumSum", posterior, graph.index(2), exclusive=1)
+    if every_row:
+        rows = graph.ints(0, 1, 2, 1, 2)
+        before, posterior = (graph.apply("Gather", values, rows, axis=1) for values in (before, posterior))
     part = graph.apply("Sub", graph.constant(np.array(QUANTILES).reshape(1, -1, 1)), before)
     part = graph.apply("Clip", graph.apply("Div", part, posterior), graph.constant(0.0), graph.constant(1.0))
     # A matrix-vector product of the built-in kernels would be three times slower.
@@ -334,34 +338,35 @@ def _state_position(graph: Graph, grid: Grid, posterior: str, length_mm: float) 
     along = graph.cast(along, np.float64) if grid.fine else along
     place = graph.apply("ReduceSum", along, graph.ints(2), keepdims=0)
     place = graph.cast(place, np.float32) if grid.fine else place
-    place = _reaching(graph, place, length_mm)
-    place = graph.apply("Add", place, graph.constant(grid.low_mm)) if grid.low_mm else place
-    graph.apply("Gather", place, graph.index(0), axis=1, output=POSITION_OUTPUTS[0])
-    graph.apply("ReduceMin", place, axes=[1], keepdims=0, output=POSITION_OUTPUTS[1])
-    graph.apply("ReduceMax", place, axes=[1], keepdims=0, output=POSITION_OUTPUTS[2])
+    stated = _reaching(graph, place, grid.low_mm, length_mm)
+    graph.apply("Gather", stated, graph.index(0), axis=1, output=POSITION_OUTPUTS[0])
+    graph.apply("ReduceMin", stated, axes=[1], keepdims=0, output=POSITION_OUTPUTS[1])
+    graph.apply("ReduceMax", stated, axes=[1], keepdims=0, output=POSITION_OUTPUTS[2])
 
 
-def _reaching(graph: Graph, place: str, length_mm: float) -> str:
-    """Return median and interval (batch, 3) from the QUANTILES (batch, 5), all counted from the low end of the range.
+def _reaching(graph: Graph, place: str, low_mm: float, length_mm: float) -> str:
+    """Return median and interval (batch, 3) from the QUANTILES (batch, 5), which count from the low end of the range.
 
-    With what the ends of the interval leave out, l and h, and what lies between the quantiles of the other end,
+    l and h are what the ends of the interval leave out, a and b what lies between the quantiles of the other end:
 
-        t = clip(2 - l / (REACH (x_975 - x_965)), 0, 1)        u = clip(2 - h / (REACH (x_035 - x_025)), 0, 1)
-        low = x_025 - t l + (1 - t) u (x_035 - x_025)          high = x_975 + u h - (1 - u) t (x_975 - x_965)
+        l = x_025    h = length - x_975    a = x_975 - x_965    b = x_035 - x_025
+        t = clip(l / (REACH a) - 1, 0, 1)    u = clip(h / (REACH b) - 1, 0, 1)
+        low = t (l + (1 - u) b)              high = length - u (h + (1 - t) a)
     """
     left_out = np.array([[0, 1, 0, 0, 0], [0, 0, -1, 0, 0]])
-    between = np.array([[0, 0, 1, 0, -1], [0, -1, 0, 1, 0]])
-    parts = graph.apply("MatMul", place, graph.constant(np.concatenate([left_out, between]).T))
-    parts = graph.apply("Add", parts, graph.constant([0.0, length_mm, 0.0, 0.0]))
-    out, across = graph.split(parts, 2, 1)
+    between = REACH * np.array([[0, 0, 1, 0, -1], [0, -1, 0, 1, 0]])
+    bias = np.array([0.0, length_mm])
+    rows = graph.constant(np.concatenate([left_out, left_out - between, between]).T)
+    parts = graph.apply("Gemm", place, rows, graph.constant(np.concatenate([bias, bias, [0.0, 0.0]])))
+    left, beyond, across = graph.split(parts, 3, 1)
     across = graph.apply("Max", across, graph.constant(SHORTEST_MM))
-    part = graph.apply("Div", out, across)
-    part = graph.apply("Sub", graph.constant(2.0), graph.apply("Mul", part, graph.constant(1 / REACH)))
-    part = graph.apply("Clip", part, graph.constant(0.0), graph.constant(1.0))
-    rest = graph.apply("Sub", graph.constant(1.0), part)
-    # What the other end gives up, in the order of the ends.
-    given = graph.apply("Gather", graph.apply("Mul", part, across), graph.ints(1, 0), axis=1)
-    moved = graph.apply("Sub", graph.apply("Mul", part, out), graph.apply("Mul", rest, given))
-    ends = graph.apply("MatMul", moved, graph.constant([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]))
-    stated = graph.apply("Slice", place, graph.ints(0), graph.ints(3), graph.ints(1))
-    return graph.apply("Add", stated, ends)
+    stays = graph.apply("Div", beyond, across)
+    stays = graph.apply("Clip", stays, graph.constant(0.0), graph.constant(1.0))
+    # What each end gives up for the other one, which it names first.
+    given = graph.apply("Sub", across, graph.apply("Mul", stays, across))
+    given = graph.apply("MatMul", given, graph.constant([[0.0, 1 / REACH], [1 / REACH, 0.0]]))
+    left = graph.apply("Mul", stays, graph.apply("Add", left, given))
+    every = graph.apply("Concat", place, left, axis=1)
+    stated = np.zeros((7, 3))
+    stated[0, 0], stated[5, 1], stated[6, 2] = 1.0, 1.0, -1.0
+    return graph.apply("Gemm", every, graph.constant(stated), graph.constant([low_mm, low_mm, low_mm + length_mm]))
