@@ -86,6 +86,20 @@ def quantiles_of(grid: Floats, density: Floats, *levels: float) -> Floats:
     return np.interp(levels, below / below[-1], grid)
 
 
+def interval_of(grid: Floats, density: Floats) -> Floats:
+    """The interval of a density on a grid over the range: an end that leaves out little beside the other tail reaches.
+
+    It goes on to the end of the range, by and by as what it leaves out falls from four times to twice what lies between
+    two quantiles of the other tail; and the other end draws in to the inner one of these.
+    """
+    low, inner_low, inner_high, high = quantiles_of(grid, density, 0.025, 0.035, 0.965, 0.975)
+    stays_low, stays_high = np.interp(
+        [(low - grid[0]) / (high - inner_high), (grid[-1] - high) / (inner_low - low)], [2.0, 4.0], [0.0, 1.0]
+    )
+    drawn_in = low + (1 - stays_high) * (inner_low - low), high - (1 - stays_low) * (high - inner_high)
+    return np.array([grid[0] + stays_low * (drawn_in[0] - grid[0]), grid[-1] - stays_high * (grid[-1] - drawn_in[1])])
+
+
 def nonsense(prior: Prior) -> Floats:
     """Readings that no contact explains, and some that one just might."""
     largest = prior.force_n[1] * float(np.abs(prior.influence_table(prior.extent.grid(101))).max())

@@ -20,6 +20,7 @@ from beamtouch_models.design.calibration.recordings import read_contacts, read_l
 from beamtouch_models.design.calibration.self_calibrate import self_calibrate
 from beamtouch_models.design.calibration.session import Session
 from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile, Weighed, evidence
@@ -50,8 +51,12 @@ def calibrated(bench: ModelFile, recording: Path) -> Calibrated:
 
 
 def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, float]:
-    """Error of a model on the true surface over that surface's limit, and the coverage of its intervals."""
-    prior = true_prior(model.metadata, real)
+    """Error of a model on the true surface over that surface's limit, and the coverage of its intervals.
+
+    Its zeros drift as the scene states; its gains stay what they were.
+    """
+    drift_mm = resolve_model(model.metadata).readings.floor_mm
+    prior = true_prior(model.metadata, real).with_floor(0.0, drift_mm)
     drawn = draw(prior, 3000, 9)
     stated = prior.measured(drawn.deflection_mm).astype(np.float32)
     answers = model.graph.estimate(
@@ -69,8 +74,7 @@ def test_ten_loads_bring_the_error_to_the_limit(bench: ModelFile, real: Imperfec
     after, held = error_over_limit(fresh, real)
     assert before > 2
     assert after < 1.1  # measured over twenty surfaces: 0.98 to 1.05
-    # The floor allows for errors of gain and zero that this surface has not got beyond those that were fitted.
-    assert 0.94 < held < 0.995
+    assert 0.94 < held < 0.975  # measured over five surfaces: 0.956 to 0.978 of fits to loads placed by hand
     assert calibrated.after_mm.mean() < 0.3 * calibrated.before_mm.mean()
 
 
@@ -91,8 +95,11 @@ def test_the_departures_are_found_and_the_file_says_so(
     # What the fit leaves is no noise: it stays when readings are averaged.
     prior = prior_of_model(fresh.metadata)
     assert prior.errors.noise_mm == bench.metadata.noise.sample_mm
-    floor = np.hypot(np.hypot(bench.metadata.floor.zero_mm, calibration.residual_mm), found.offset_mm)
-    assert fresh.metadata.floor.zero_mm == pytest.approx(floor.tolist())
+    least_mm = np.hypot(bench.metadata.floor.zero_mm, found.offset_mm)
+    assert (np.array(fresh.metadata.floor.zero_mm) >= 0.999 * least_mm).all()
+    assert (np.array(fresh.metadata.floor.zero_mm) <= np.hypot(least_mm, calibration.residual_mm)).all()
+    # It has measured the gains, better than the scene states them.
+    assert (np.array(fresh.metadata.floor.gain) < bench.metadata.floor.gain).all()
 
 
 def test_a_beam_rests_before_and_after_its_next_tare(built_model: Callable[[str], Path]) -> None:

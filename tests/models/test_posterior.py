@@ -25,6 +25,7 @@ from models.posterior_cases import (
     answers_of,
     check_sane,
     graph_of,
+    interval_of,
     nonsense,
     plain_posterior,
     prior_of,
@@ -48,7 +49,7 @@ def test_answers_are_those_of_a_plain_integral_over_position_and_force(noise_per
         reading, covariance = drawn.deflection_mm[row], np.eye(3) * prior.errors.noise_mm**2
         expected = forces_of(prior.force_n)
         anything = expected if known else cautious_forces(prior.force_n)
-        low, high = quantiles_of(*plain_posterior(prior, reading, covariance, anything), 0.025, 0.975)
+        low, high = interval_of(*plain_posterior(prior, reading, covariance, anything))
         grid, density = plain_posterior(prior, reading, covariance, expected)
         (median,) = quantiles_of(grid, density, 0.5)
         found = [answers[name][row] for name in ("position_mm", "position_low_mm", "position_high_mm")]

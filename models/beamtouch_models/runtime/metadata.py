@@ -294,7 +294,7 @@ class Calibration(MetadataPart):
     """Kinds of departures that were fitted; the others are as in the scene."""
     loads: int = Field(ge=0)
     residual_mm: float = Field(ge=0)
-    """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; part of the noise."""
+    """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; the floor holds it."""
     error_before_mm: float | None = None
     """Mean position error of the loads; None without loads."""
     error_after_mm: float | None = None
@@ -306,7 +306,7 @@ class Calibration(MetadataPart):
     misfit_after: float | None = None
     """The same by the fit."""
     force_error: Deviation = 0.0
-    """Relative error of all forces together, which unlabelled contacts leave; part of the intervals of the force."""
+    """Relative error of all forces together, which loads or contacts leave; part of the intervals of the force."""
 
 
 class Metadata(MetadataPart):
