@@ -1,9 +1,10 @@
 """Intervals by the place and by the force of a contact: how many hold, and how wide they are beside the best.
 
 `python tests/benchmarks/intervals_along.py bench paper` builds these scenes, or takes the model files that are named in
-their place, and prints a table of stretches of 5 % of the beam, and one of fifths of the force. `--calibrated 8` does it for all contacts on so many real surfaces, each
-behind a model that ten loads have fitted. The best knows the surface, and that the force is within its range: the
-central 95 % of a posterior that shares no code with ours, on the same contacts.
+their place, and prints a table of stretches of 5 % of the beam, and one of fifths of the force. `--calibrated 8` does
+it for all contacts on so many real surfaces, each behind a model that ten loads have fitted. The best knows the
+surface, and that the force is within its range: the central 95 % of a posterior that shares no code with ours, on the
+same contacts.
 """
 
 import argparse
