@@ -57,7 +57,7 @@ class Evaluation(Rounded):
     >>> print(found.span.mean_mm, "mm; over the limit:", round(found.span.ratio.value, 2))
     2.88 +- 0.09 mm; over the limit: 1.0
     >>> print(f"{found.position_coverage.value:.0%} of contacts lie in their intervals")
-    95% of contacts lie in their intervals
+    96% of contacts lie in their intervals
     """
 
     noise_mm: float
