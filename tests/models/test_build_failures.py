@@ -29,8 +29,8 @@ from support.surfaces.example_scenes import PAPER
         (1, 1, 0, "one failed sensor ends this surface: it has no other; add one"),
         (2, 2, 0, "one failed sensor ends this surface: all 2 channels must work; add a sensor, or place them with --"),
         (2, 2, 1, "one failed sensor ends this surface: all 2 channels must work; add a sensor"),
-        (4, 2, 0, "if s1 fails, the mean position error grows from 1 to 3 % of the length; add a sensor, or place th"),
-        (4, 2, 1, "if s1 fails, the mean position error grows from 1 to 3 % of the length; add a sensor"),
+        (4, 2, 0, "if s1 fails, the mean position error grows from 4 to 12 mm; add a sensor, or place th"),
+        (4, 2, 1, "if s1 fails, the mean position error grows from 4 to 12 mm; add a sensor"),
     ],
 )
 def test_what_one_failed_sensor_costs_is_said(
