@@ -9,7 +9,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.commands.workers import spread_over
-from beamtouch_models.design.printing import Result, Table
+from beamtouch_models.design.printing import Result, Table, Words
 from beamtouch_models.lab.challenge.challenge import challenge, misses
 from beamtouch_models.runtime import loading
 
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> Result:
                 for part, columns in parts.items()
             ),
             _LEGEND,
-            f"Rows that miss the goals: {'; '.join(missed) or 'none'}.",
+            Words(f"Rows that miss the goals: {'; '.join(missed) or 'none'}."),
         ],
     )
 

@@ -19,7 +19,7 @@ from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.placement.placing import DEFAULT_AIM
 from beamtouch_models.design.pricing.prices import NEGLIGIBLE, VERDICTS, Effect
 from beamtouch_models.design.pricing.ringing import describe_ringing
-from beamtouch_models.design.printing import Block, Result, Table, note
+from beamtouch_models.design.printing import Block, Result, Table, Words, note
 from beamtouch_models.design.scene import Scene, load_scene
 from beamtouch_models.design.surface import Surface, resolve
 
@@ -147,4 +147,4 @@ def _zone_rows(edges: list[Edge]) -> list[Block]:
         "on average over the forces of the zone\n"
         "wrong: contacts in this band that are said to be on the wrong side of the edge"
     )
-    return [Table(head, rows), words]
+    return [Table(head, rows), Words(words)]

@@ -25,8 +25,15 @@ class Table:
     """Whether lines separate the rows, as cells of several lines need."""
 
 
-Block = Table | Sequence[tuple[str, ...]] | str
-"""A table, lines whose parts stand in columns, or paragraphs, a line each."""
+@dataclass(frozen=True)
+class Words:
+    """Paragraphs, a line each, which are broken to fit a page."""
+
+    text: str
+
+
+Block = Table | Words | Sequence[tuple[str, ...]] | str
+"""A table, paragraphs, lines whose parts stand in columns, or text that is printed as it is."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +57,10 @@ def show(result: Result, *, as_json: bool) -> None:
     for block in result.rows:
         if isinstance(block, Table):
             _print_table(block, width)
+        elif isinstance(block, Words):
+            print("\n".join(line for text in block.text.splitlines() for line in _paragraph(text, width)))
         elif isinstance(block, str):
-            print("\n".join(line for text in block.splitlines() for line in _paragraph(text, width)))
+            print(block)
         else:
             print("\n".join(in_columns(block, width)))
     if result.remark:
@@ -72,6 +81,8 @@ def markdown(title: str, blocks: Iterable[Block]) -> str:
     for block in blocks:
         if isinstance(block, Table):
             parts += [f"## {block.title[:1].upper()}{block.title[1:]}", aligned_markdown(block.head, block.rows)]
+        elif isinstance(block, Words):
+            parts.append(block.text)
         elif isinstance(block, str):
             parts.append(block)
         else:

@@ -79,12 +79,9 @@ def answers(metadata: Metadata) -> dict[str, list[str]]:
     """
     kinds: dict[str, list[str]] = {"sudden touch": [], "gentle touch": []}
     for answer in metadata.accuracy.since_touch:
-        for kind, percent, error in (
-            ("sudden touch", answer.ringing_percent, answer.ringing_standard_error),
-            ("gentle touch", answer.error_percent, answer.error_standard_error),
-        ):
+        for kind, percent in (("sudden touch", answer.ringing_percent), ("gentle touch", answer.error_percent)):
             if percent is not None:
-                error_mm = rounded(percent * metadata.length_mm / 100, (error or 0.0) * metadata.length_mm / 100)
+                error_mm = digits(percent * metadata.length_mm / 100, 2)
                 kinds[kind].append(f"{error_mm} mm at {digits(answer.since_ms, 3)} ms")
     return {kind: errors for kind, errors in kinds.items() if errors}
 

@@ -9,7 +9,7 @@ from typing import Any
 from beamtouch_common.digits import digits
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.charts import Chart, Series, Style, draw_row, standalone
-from beamtouch_models.design.printing import Block, Table
+from beamtouch_models.design.printing import Block, Table, Words
 from beamtouch_models.lab.trade.measure import AnswerAtTime, MeasuredModel, Varied
 from beamtouch_models.lab.trade.trade import Point, Trade, transfer_ms
 from beamtouch_models.names import ESTIMATORS
@@ -41,17 +41,25 @@ def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
     )
     text = ("estimator",)
     return [
-        "\n".join(f"- {sentence}" for sentence in sentences(trade)),
+        Words("\n".join(f"- {sentence}" for sentence in sentences(trade))),
         Table(MODEL_HEADINGS, [_model_row(trade, measured) for measured in trade.models], "models", text),
-        "error: mean position error of a mean of so many readings at rest; over limit: over that of the best possible "
-        "estimator, on the same contacts; ±: standard errors; inference: time that a program takes for an answer",
+        Words(
+            "error: mean position error of a mean of so many readings at rest; over limit: over that of the best "
+            "possible estimator, on the same contacts; ±: standard errors; inference: time that a program takes for "
+            "an answer"
+        ),
         Table(MOMENT_HEADINGS, [_answer_row(moment) for moment in trade.since_touch], "since a touch"),
-        "Mean position error; a sudden touch makes the beam ring, a gentle one does not; limit: of the best possible "
-        "estimator, after a gentle touch",
+        Words(
+            "Mean position error; a sudden touch makes the beam ring, a gentle one does not; limit: of the best "
+            "possible estimator, after a gentle touch"
+        ),
         Table(POINT_HEADINGS, [_point_row(point) for point in trade.front], "the front", text),
-        f"{len(trade.front)} of {len(trade.points)} points, those that no other one beats in error, time or number of "
-        "sensors. Errors that differ by less than their standard error are equal, and times that differ by less than "
-        "a reading period. A contact is known after its readings, the transfer of one at 1 Mbaud, and an inference.",
+        Words(
+            f"{len(trade.front)} of {len(trade.points)} points, those that no other one beats in error, time or number "
+            "of sensors. Errors that differ by less than their standard error are equal, and times that differ by less "
+            "than a reading period. A contact is known after its readings, the transfer of one at 1 Mbaud, and an "
+            "inference."
+        ),
         "To build them:",
         [(command,) for command in commands],
     ]
