@@ -57,7 +57,7 @@ def test_a_drift_that_a_tare_does_not_outlast_is_said(design_sensors_roughly: Co
         built = design_sensors_roughly("build", scene, "-o", model)
         assert built.returncode == 0, built.stderr
         told = re.findall(
-            r"zeros that drift by 9000 um a minute .* for (\S+) s after a tare only, over (\S+) um", built.stderr
+            r"zeros that drift by 9000 um a minute .* for (\S+) s after a tare only, over (\S+) um", built.noted
         )
         assert bool(told) is is_short
     ((lasts_s, most_um),) = told

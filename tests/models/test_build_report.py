@@ -10,13 +10,13 @@ import pytest
 from beamtouch_models.design.building.build import Built
 from beamtouch_models.design.building.report import page as page_module
 from beamtouch_models.design.building.report.page import Facts, gather, page
-from beamtouch_models.design.building.report.parts import parts_of
+from beamtouch_models.design.building.report.parts import parts_of, shows_mm
 from beamtouch_models.design.building.report.questions import overload_of
 from beamtouch_models.design.layout import Layout
 from beamtouch_models.design.placement.placing import Aim, place
 from beamtouch_models.design.scene import change_scene, load_scene
 from beamtouch_models.design.surface import resolve
-from beamtouch_models.numbers import with_error
+from beamtouch_models.numbers import rounded, with_error
 from beamtouch_models.runtime import ModelFile
 from support.pages.tags import Tags
 from support.surfaces.example_scenes import SCENES
@@ -69,13 +69,21 @@ def test_the_page_states_the_layout_the_accuracy_and_every_effect(facts: Facts, 
         assert re.search(rf"\b{channel.name}\b.*\b{channel.position_mm:g}\b", words)
     for said in (
         facts.model.identity,
-        f"reaches {with_error(metadata.accuracy.ratio, metadata.accuracy.ratio_standard_error, '±')} times that",
+        f"reaches {rounded(metadata.accuracy.ratio, metadata.accuracy.ratio_standard_error)} times that",
         "youngs_modulus_gpa = 210",
     ):
         assert said in " ".join(words.split())
-    (limit_mm,) = re.findall(r" accuracy limit ([\d.]+) ± ", " ".join(words.split()))
-    assert float(limit_mm) == pytest.approx(4 * metadata.accuracy.limit_percent, rel=1e-3)
-    assert float(limit_mm) < 4 * metadata.accuracy.error_percent
+    accuracy = metadata.accuracy
+    limit, error = (
+        with_error(4 * percent, 4 * standard_error, "±")
+        for percent, standard_error in (
+            (accuracy.limit_percent, accuracy.limit_standard_error),
+            (accuracy.error_percent, accuracy.error_standard_error),
+        )
+    )
+    assert limit != error
+    assert f"model {error}" in " ".join(words.split())
+    assert f"accuracy limit {limit}" in " ".join(words.split())
     effects = facts.built.layout.surface.effects
     assert {effect.name for effect in effects} <= set(cells)
     told = re.sub(r"\s+", "", words)
@@ -105,6 +113,19 @@ def test_what_is_not_stated_is_marked_as_assumed(facts: Facts) -> None:
         "damping", "resolution", "drift", "mounting", "temperature"
     }  # fmt: skip
     assert sources["gap at rest"] == "computed"
+
+
+def test_how_far_a_sensor_may_stand_off_is_that_of_the_slope_of_theory(facts: Facts) -> None:
+    # Left of a load at b from the right end, w' = F b (L^2 - b^2 - 3 x^2) / (6 L E I); right of it, as in a mirror.
+    surface, metadata, length_mm = facts.built.layout.surface, facts.model.metadata, 400
+    load_mm, rigidity_n_mm2 = np.linspace(1, 399, 399), 210e3 * 25 * 3**3 / 12
+    slopes = []
+    for channel in metadata.layout:
+        x = np.where(load_mm >= channel.position_mm, channel.position_mm, length_mm - channel.position_mm)
+        b = np.where(load_mm >= channel.position_mm, length_mm - load_mm, load_mm)
+        slopes.append(20 * b * (length_mm**2 - b**2 - 3 * x**2) / (6 * length_mm * rigidity_n_mm2))
+    steepest = np.abs(slopes).max()
+    assert shows_mm(surface, metadata) == pytest.approx(metadata.noise.sample_mm / steepest, rel=0.01)
 
 
 def test_the_forces_at_which_a_sensor_fails_are_those_of_theory(facts: Facts) -> None:

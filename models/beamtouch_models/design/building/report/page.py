@@ -73,6 +73,8 @@ class Profile:
     first: Part
     """The first stretch, at the left end of the range."""
     last: Part
+    force_n: Measurement | None
+    """Mean |error| of force; None if the model states none."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,9 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
         part("middle third", (third <= stretch) & (stretch < 2 * third)),
         part(f"left end, to {edges[1]:.0f} mm", stretch == 0),
         part(f"right end, from {edges[-2]:.0f} mm", stretch == PROFILE_BINS - 1),
+        None
+        if "force_n" not in answers
+        else mean_of(np.abs(answers["force_n"] - contacts.drawn.force_n), contacts.drawn.weight),
     )
 
 
@@ -206,7 +211,7 @@ def page(facts: Facts) -> str:
         verdicts=VERDICTS,
         places=places_of(facts.scene, metadata),
         parts=parts_of(surface, metadata),
-        can=can(metadata),
+        can=can(metadata, profile.force_n),
         cannot=cannot(metadata),
         questions=questions(
             surface,

@@ -5,11 +5,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
+import numpy as np
+
 from beamtouch_common.digits import digits
 from beamtouch_models.design.physics.motion import damping_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import Surface
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.metadata import Metadata
 
 
@@ -103,6 +106,8 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
             _source(stated="rate_hz" in scene.sensors.model_fields_set),
         ),
         *_of_errors(scene, surface.readings),
+        _mounting(surface, metadata),
+        _temperature(scene),
     ]
 
 
@@ -145,15 +150,30 @@ def _of_errors(scene: Scene, readings: ReadingErrors) -> Iterator[Part]:
         "of all zeros together, as a hall warms",
         _source(stated=environment.drift_um_per_min is not None),
     )
+
+
+def shows_mm(surface: Surface, metadata: Metadata) -> float:
+    """Return how far beside its place a sensor must stand to move a sample by its noise, under the largest force."""
+    influence, sensor_mm = surface.influence, on_axis(metadata.layout_mm)
+    per_mm = np.sqrt(influence.variance(sensor_mm, influence.place_mm, 1.0)).max()
+    return float(metadata.noise.sample_mm / (metadata.ranges.force_n[1] * per_mm)) if per_mm else np.inf
+
+
+def _mounting(surface: Surface, metadata: Metadata) -> Part:
+    sensors, most_mm = surface.scene.sensors, shows_mm(surface, metadata)
     tolerance_mm = sensors.mounting_tolerance_mm
-    yield Part(
+    shows = f"; one that is {digits(most_mm, 2)} mm off shows over the noise" if np.isfinite(most_mm) else ""
+    return Part(
         "mounting",
         f"± {tolerance_mm:g} mm" if tolerance_mm else "exact",
-        "of each sensor along the beam; measure where it stands, or calibrate",
+        f"places along the beam{shows}: measure where it stands, or calibrate",
         _source(stated="mounting_tolerance_mm" in sensors.model_fields_set),
     )
-    range_k = environment.temperature_range_k
-    yield Part(
+
+
+def _temperature(scene: Scene) -> Part:
+    range_k = scene.environment.temperature_range_k
+    return Part(
         "temperature",
         "constant" if range_k is None else f"{range_k[0]:+g} to {range_k[1]:+g} K",
         "beside that at which the beam is mounted",

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_common.digits import digits
+from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.surface import Surface
+from beamtouch_models.numbers import rounded
 from beamtouch_models.runtime.decision.evidence import CHECKED
 from beamtouch_models.runtime.description import nothing_seen, per_day, unseen
 from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, Metadata
@@ -44,8 +46,8 @@ def _states_force(metadata: Metadata) -> bool:
     return set(FORCE_OUTPUTS) <= set(metadata.golden.answers)
 
 
-def can(metadata: Metadata) -> list[str]:
-    """Return what the surface does, beside finding places."""
+def can(metadata: Metadata, force_error_n: Measurement | None) -> list[str]:
+    """Return what the surface does, beside finding places; `force_error_n` is the mean |error| of force."""
     accuracy, (weak, strong), count = metadata.accuracy, metadata.ranges.force_n, len(metadata.layout)
     first, usual = accuracy.since_touch[0], metadata.filter.window
     settled = next((one for one in accuracy.since_touch if one.readings >= usual), first)
@@ -54,8 +56,9 @@ def can(metadata: Metadata) -> list[str]:
         told[0] += ", and the answer sharpens while the load rests"
     if settled is not first:
         told[0] += f"; after {digits(settled.since_ms, 3)} ms at rest it is as good as stated"
-    if _states_force(metadata):
-        told.append(f"It states the force, too, from {weak:g} to {strong:g} N, each with an interval of 95 %")
+    if force_error_n is not None:
+        off_n = rounded(force_error_n.value, force_error_n.standard_error)
+        told.append(f"It states the force, too: off by {off_n} N on average, over {weak:g} to {strong:g} N")
     spare = count - metadata.min_channels
     if spare:
         told.append(f"It goes on with {spare} of {count} sensors failed, less accurately")
