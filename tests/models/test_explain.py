@@ -52,7 +52,7 @@ def test_a_table_lists_every_effect(design_sensors_here: Command) -> None:
     assert float(um) == pytest.approx(5.37 * float(price), rel=0.02)
     assert (verdict, remark) == ("included", ["60", "mm"])
     assert " left out " in rows["foundation"]
-    assert "over a sample's noise, 0.00537 mm" in done.stdout
+    assert "over a sample's noise, 5.37 um" in done.stdout
     # Names of keys stay whole.
     assert "…" not in done.stdout
     assert "state environment.temperature_range_k and" in rows["sensor drift"]

@@ -111,5 +111,5 @@ def test_an_open_number_is_the_fewest_that_meets_the_requirement_with_room_for_f
 def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_roughly: Command) -> None:
     # The ADC of the conveyor is left out of its model, and its steps of 0.9 um stay in its noise.
     placed = design_sensors_roughly("place", SCENES / "conveyor.toml", "--sensors", 2, *PRODUCT)
-    assert "at 0.00135 mm noise per sample" in " ".join(placed.stdout.split())
-    assert "a sample's noise, 0.00135 mm" in design_sensors_roughly("explain", SCENES / "conveyor.toml").stdout
+    assert "at 1.35 um noise per sample" in " ".join(placed.stdout.split())
+    assert "a sample's noise, 1.35 um" in design_sensors_roughly("explain", SCENES / "conveyor.toml").stdout

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> Result:
                 noise_mm=noise_mm,
                 draws=options.draws,
                 seed=options.seed,
-                progress=partial(progress, f"measuring at a noise of {digits(noise_mm, 3)} mm"),
+                progress=partial(progress, f"measuring at a noise of {digits(1e3 * noise_mm, 3)} um"),
                 spread=spread,
             )
             for noise_mm in options.noise or [model.metadata.noise.sample_mm]
@@ -66,7 +66,7 @@ def _table(model: ModelFile, found: Evaluation) -> Table:
         rows.append((label, *(_text(value, scale) for value in values for scale in (1.0, percent))))
     ratios = [_text(None if errors is None else errors.ratio) for errors in (found.span, found.middle)]
     rows.append(("error over limit", ratios[0], "", ratios[1], ""))
-    noise = f"noise {digits(found.noise_mm, 3)} mm"
+    noise = f"noise {digits(1e3 * found.noise_mm, 3)} um"
     title = f"{model.identity}, estimator {model.metadata.estimator}: {noise}, {found.draws} simulated contacts"
     return Table(("position error", "whole range, mm", "% of length", "middle 60 %, mm", "% of length"), rows, title)
 

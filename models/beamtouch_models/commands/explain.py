@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> Result:
         Table(head, [_row(effect, noise.sample_mm) for effect in surface.effects], text=("model", "remark")),
         [
             ("um", "the most that the effect changes the deflection at a sensor, under the largest force"),
-            ("price", f"the same over a sample's noise, {digits(noise.sample_mm, 3)} mm"),
+            ("price", f"the same over a sample's noise, {digits(1e3 * noise.sample_mm, 3)} um"),
             *VERDICTS.values(),
             *(("" if place else "ringing", line) for place, line in enumerate(rings)),
         ],

@@ -92,7 +92,7 @@ def _rows(found: dict[str, Any], layout: Layout) -> list[tuple[str, str]]:
         (
             "limit",
             f"mean error {limit} ({share} % of the length), the best possible with these sensors, at "
-            f"{digits(noise_mm, 3)} mm noise per sample",
+            f"{digits(1e3 * noise_mm, 3)} um noise per sample",
         ),
         *([("failed", f"mean error without the sensor {without}")] if without else []),
         ("placed", f"for {SOUGHT[found['criterion']]}{spare}; search {found['search']}, seed {found['seed']}"),

@@ -51,7 +51,10 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
             f"{gaps}, {digits(sensor.standoff_mm, 3)} mm at rest; {sensor.adc_bits} bits, {sensor.rate_hz:g} readings "
             "a second",
         ),
-        ("noise", f"{digits(noise.reading_mm, 3)} mm per reading, {digits(noise.sample_mm, 3)} mm per sample"),
+        (
+            "noise",
+            f"{digits(1e3 * noise.reading_mm, 3)} um per reading, {digits(1e3 * noise.sample_mm, 3)} um per sample",
+        ),
         ("filter", "none" if chosen.kind == "none" else f"{chosen.kind} of {least}{most} readings"),
         (
             "floor",
