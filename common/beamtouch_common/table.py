@@ -1,8 +1,11 @@
-"""Tables of text with aligned columns, for terminals and in Markdown."""
+"""Tables of text with aligned columns, for terminals and in Markdown; text within the width of a page."""
 
+import textwrap
 from collections.abc import Collection, Iterator, Sequence
 
 Row = Sequence[str]
+WIDTH = 100
+"""Characters in a line that is printed for people, at most."""
 
 
 def aligned(head: Row, rows: Sequence[Row], right: Collection[int] = ()) -> list[str]:
@@ -21,6 +24,29 @@ def aligned_markdown(head: Row, rows: Sequence[Row]) -> str:
     headings, *others = _pad([head, *rows])
     rule = ["-" * len(heading) for heading in headings]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in [headings, rule, *others])
+
+
+def in_columns(rows: Sequence[Row], width: int = WIDTH) -> list[str]:
+    """Return lines whose parts stand in columns; a last part that is too long goes on below its own beginning."""
+    *widths, _ = (max(map(len, column)) for column in zip(*rows, strict=True))
+    lines: list[str] = []
+    for *parts, last in rows:
+        begin = "".join(f"{part:<{column}}  " for part, column in zip(parts, widths, strict=True))
+        lines += wrapped(last, width, begin) if begin else [last]
+    return lines
+
+
+def wrapped(text: str, width: int = WIDTH, begin: str = "") -> list[str]:
+    """Return the lines of a text after `begin`, the later ones indented as far; long words stay whole."""
+    lines = textwrap.wrap(
+        text,
+        width,
+        initial_indent=begin,
+        subsequent_indent=" " * len(begin),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return lines or [begin.rstrip()]
 
 
 def _pad(rows: Sequence[Row], right: Collection[int] = ()) -> Iterator[list[str]]:

@@ -56,9 +56,25 @@ def whole(value: object, name: str, least: int) -> int:
     return integer
 
 
-def three_digits(value: float) -> str:
-    """Return a number with three decimals, or with three significant digits if it is less than 0.1."""
-    return f"{value:.3f}" if value >= 0.1 else digits(value, 3)
+def with_error(value: float, standard_error: float, sign: str = "+-", unit: str = "") -> str:
+    """Return a measured value to the digit that its standard error leaves, at most four, and the error.
+
+    >>> with_error(4.7123, 0.0812, unit=" mm")
+    '4.71 +- 0.08 mm'
+    >>> with_error(1.00002, 0.0000031)
+    '1.000 +- <0.001'
+    """
+    if not (math.isfinite(value) and 0 < standard_error < math.inf):
+        return f"{digits(value, 3)}{unit}"
+    least = math.floor(math.log10(abs(value))) - 3 if value else -3
+    place = max(math.floor(math.log10(float(f"{standard_error:.1g}"))), least)
+    error = digits(standard_error, 1) if standard_error >= 0.5 * 10.0**place else f"<{digits(10.0**place, 1)}"
+    return f"{value:.{max(0, -place)}f} {sign} {error}{unit}"
+
+
+def rounded(value: float, standard_error: float) -> str:
+    """Return a measured value to the digit that its standard error leaves, without the error."""
+    return with_error(value, standard_error).split(" ")[0]
 
 
 def at_most(value: float) -> float:

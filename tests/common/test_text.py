@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beamtouch_common.digits import digits
-from beamtouch_common.table import aligned, aligned_markdown
+from beamtouch_common.table import WIDTH, aligned, aligned_markdown, in_columns, wrapped
 
 HEAD, ROWS = ("channel", "mm", "is"), [("s1", "1.25", "good"), ("s2", "-", "")]
 
@@ -51,3 +51,22 @@ def test_columns_of_tables_are_aligned_and_numbers_stand_to_the_right() -> None:
         "| s1      | 1.25 | good |",
         "| s2      | -    |      |",
     ]
+
+
+def test_a_long_last_part_goes_on_below_its_beginning_and_short_ones_stay() -> None:
+    assert in_columns([("a", "one two three"), ("long", "four")], width=14) == [
+        "a     one two",
+        "      three",
+        "long  four",
+    ]
+    command = "design-sensors build " + "x" * WIDTH
+    assert in_columns([(command,)]) == [command]  # to be pasted
+    assert in_columns([("label", "")]) == ["label"]
+
+
+@given(st.text(st.characters(codec="ascii", categories=["L", "Zs"]), max_size=400))
+def test_wrapped_lines_have_all_words_and_fit_unless_a_word_does_not(text: str) -> None:
+    lines = wrapped(text, 30, "note: ")
+    assert [word for line in lines for word in line.split()] == ["note:", *text.split()]
+    assert all(len(line) <= 30 or len(line.split()) <= 2 for line in lines)
+    assert all(line.startswith("      ") for line in lines[1:])

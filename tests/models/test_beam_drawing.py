@@ -11,11 +11,11 @@ from support.pages.tags import Tags
 from support.surfaces.example_scenes import PAPER
 
 SUPPORTS = {
-    'kind = "simple"': "roller: can turn and slide",
-    'kind = "simple", slides = false': "pinned: can turn, not slide",
-    'kind = "simple", fixity = 0.5': "roller: can turn against a spring and slide",
-    'kind = "fixed"': "clamped",
-    'kind = "fixed", slides = true': "clamped, can slide",
+    'kind = "simple"': "roller that can turn and slide",
+    'kind = "simple", slides = false': "pin that can turn, not slide",
+    'kind = "simple", fixity = 0.5': "roller that can turn against a spring and slide",
+    'kind = "fixed"': "clamp",
+    'kind = "fixed", slides = true': "clamp that can slide",
 }
 
 
@@ -38,7 +38,7 @@ def test_each_kind_of_support_has_its_own_symbol_and_words(bench: ModelFile) -> 
         first, _ = tags.of("path", "support")
         symbols.add(first["d"])
         for told in (caption, tags.of("svg")[0]["aria-label"]):
-            assert f"Supports: {words} at 0 mm; roller: can turn and slide at 400 mm" in told
+            assert f"Supports: at 0 mm a {words}; at 400 mm a roller that can turn and slide" in told
     assert len(symbols) == len(SUPPORTS)
 
 

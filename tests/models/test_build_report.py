@@ -10,10 +10,13 @@ import pytest
 from beamtouch_models.design.building.build import Built
 from beamtouch_models.design.building.report import page as page_module
 from beamtouch_models.design.building.report.page import Facts, gather, page
+from beamtouch_models.design.building.report.parts import parts_of, shows_mm
+from beamtouch_models.design.building.report.questions import overload_of
 from beamtouch_models.design.layout import Layout
 from beamtouch_models.design.placement.placing import Aim, place
 from beamtouch_models.design.scene import change_scene, load_scene
 from beamtouch_models.design.surface import resolve
+from beamtouch_models.numbers import rounded, with_error
 from beamtouch_models.runtime import ModelFile
 from support.pages.tags import Tags
 from support.surfaces.example_scenes import SCENES
@@ -66,13 +69,77 @@ def test_the_page_states_the_layout_the_accuracy_and_every_effect(facts: Facts, 
         assert re.search(rf"\b{channel.name}\b.*\b{channel.position_mm:g}\b", words)
     for said in (
         facts.model.identity,
-        f"{metadata.accuracy.ratio:.2f}",
-        f"accuracy limit {metadata.accuracy.limit_percent:.3f} ± ",
+        f"reaches {rounded(metadata.accuracy.ratio, metadata.accuracy.ratio_standard_error)} times that",
         "youngs_modulus_gpa = 210",
     ):
         assert said in " ".join(words.split())
+    accuracy = metadata.accuracy
+    limit, error = (
+        with_error(4 * percent, 4 * standard_error, "±")
+        for percent, standard_error in (
+            (accuracy.limit_percent, accuracy.limit_standard_error),
+            (accuracy.error_percent, accuracy.error_standard_error),
+        )
+    )
+    assert limit != error
+    assert f"model {error}" in " ".join(words.split())
+    assert f"accuracy limit {limit}" in " ".join(words.split())
     effects = facts.built.layout.surface.effects
-    assert {effect.name for effect in effects} | {effect.reason for effect in effects} <= set(cells)
+    assert {effect.name for effect in effects} <= set(cells)
+    told = re.sub(r"\s+", "", words)
+    for effect in effects:
+        typeset = re.sub(r"(?<=\d )um\b", "µm", effect.reason).replace("+-", "±").replace("`", "")
+        assert "".join(typeset.split()) in told
+
+
+def test_one_row_of_tiles_has_one_unit(text: str, words: str) -> None:
+    (tiles,) = re.findall(r'<dl class="tiles">(.*?)</dl>', text, re.DOTALL)
+    assert [unit for _, unit in re.findall(r"<dd>([\d.]+) ([^<]+)<", tiles)] == ["mm"] * 4
+    assert "ln" not in words.split() or "logarithm" in words
+
+
+def test_holes_are_stated_from_both_ends_and_housings_with_their_sides(facts: Facts, words: str) -> None:
+    stated = " ".join(words.split())
+    for channel, after in zip(facts.model.metadata.layout, [*facts.model.metadata.layout[1:], None], strict=True):
+        place = channel.position_mm
+        step = "-" if after is None else f"{after.position_mm - place:g}"
+        assert f"{channel.name} {place:g} {400 - place:g} {step} {place - 6:g} to {place + 6:g}" in stated
+
+
+def test_what_is_not_stated_is_marked_as_assumed(facts: Facts) -> None:
+    surface = facts.built.layout.surface
+    sources = {part.name: part.source for part in parts_of(surface, facts.model.metadata)}
+    assert {name for name, source in sources.items() if source == "assumed"} == {
+        "damping", "resolution", "drift", "mounting", "temperature"
+    }  # fmt: skip
+    assert sources["gap at rest"] == "computed"
+
+
+def test_how_far_a_sensor_may_stand_off_is_that_of_the_slope_of_theory(facts: Facts) -> None:
+    # Left of a load at b from the right end, w' = F b (L^2 - b^2 - 3 x^2) / (6 L E I); right of it, as in a mirror.
+    surface, metadata, length_mm = facts.built.layout.surface, facts.model.metadata, 400
+    load_mm, rigidity_n_mm2 = np.linspace(1, 399, 399), 210e3 * 25 * 3**3 / 12
+    slopes = []
+    for channel in metadata.layout:
+        x = np.where(load_mm >= channel.position_mm, channel.position_mm, length_mm - channel.position_mm)
+        b = np.where(load_mm >= channel.position_mm, length_mm - load_mm, load_mm)
+        slopes.append(20 * b * (length_mm**2 - b**2 - 3 * x**2) / (6 * length_mm * rigidity_n_mm2))
+    steepest = np.abs(slopes).max()
+    assert shows_mm(surface, metadata) == pytest.approx(metadata.noise.sample_mm / steepest, rel=0.01)
+
+
+def test_the_forces_at_which_a_sensor_fails_are_those_of_theory(facts: Facts) -> None:
+    # F L^3 / (48 E I) in the middle under a load there, and x (3 L^2 - 4 x^2) / L^3 of that at x.
+    metadata, over = facts.model.metadata, overload_of(facts.model.metadata)
+    inertia_mm4, length_mm = 25 * 3**3 / 12, 400
+    most_mm_per_n = length_mm**3 / (48 * 210e3 * inertia_mm4)
+    off = max(1 - abs(2 * channel.position_mm / length_mm - 1) for channel in metadata.layout)
+    ratio = (3 * off - off**3) / 2  # of a sensor at off L/2 beside the support, under a load in the middle
+    at_rest_mm = metadata.sensor.standoff_mm
+    # A load between the sensor and the middle moves it a little more than one in the middle.
+    assert over.touches_n == pytest.approx(at_rest_mm / (ratio * most_mm_per_n), rel=0.05)
+    assert over.touches_n < at_rest_mm / (ratio * most_mm_per_n) * 1.001
+    assert over.leaves_range_n / over.touches_n == pytest.approx((at_rest_mm - 1) / at_rest_mm)
 
 
 def test_errors_and_intervals_along_the_beam_add_up_to_the_means(facts: Facts, words: str) -> None:
@@ -82,11 +149,13 @@ def test_errors_and_intervals_along_the_beam_add_up_to_the_means(facts: Facts, w
         (profile.limit_mm, accuracy.limit_percent, accuracy.limit_standard_error),
     ):
         assert abs(curve.mean() / facts.model.metadata.length_mm * 100 - percent) < 5 * error
-    assert profile.held_in is not None
-    assert profile.held_in[0].value == pytest.approx(0.95, abs=0.01)
-    whole, first, last = (f"{part.value * 100:.1f} ± {part.standard_error * 100:.1g} %" for part in profile.held_in)
-    assert f"held {whole} of the contacts" in words
-    assert f"{first} and {last}." in words
+    assert profile.whole.held is not None
+    assert profile.whole.held.value == pytest.approx(0.95, abs=0.01)
+    assert profile.whole.error_mm.value == pytest.approx(profile.model_mm.mean(), rel=0.1)
+    for part, at in ((profile.first, 0), (profile.last, -1)):
+        assert part.error_mm.value == pytest.approx(profile.model_mm[at])
+        assert part.held is not None
+        assert with_error(100 * part.held.value, 100 * part.held.standard_error, "±") in words
 
 
 def test_layouts_are_compared_on_the_same_contacts(facts: Facts, text: str) -> None:
@@ -105,8 +174,9 @@ def test_the_error_is_stated_with_each_sensor_failed(facts: Facts, words: str) -
     placed = facts.model.metadata.placed
     limit_percent = facts.model.metadata.accuracy.limit_percent
     assert min(placed.limit_without_percent) > limit_percent
-    for percent in (limit_percent, *placed.limit_without_percent):
-        assert f"{percent:.3f}" in words
+    errors = [facts.model.metadata.accuracy.limit_standard_error, *placed.limit_without_standard_error]
+    for percent, error in zip((limit_percent, *placed.limit_without_percent), errors, strict=True):
+        assert with_error(4 * percent, 4 * error, "±") in words
 
 
 def test_text_of_the_user_is_escaped(facts: Facts) -> None:
@@ -118,10 +188,11 @@ def test_text_of_the_user_is_escaped(facts: Facts) -> None:
 
 
 def test_ringing_is_stated(facts: Facts, words: str) -> None:
-    assert re.search(r"sudden touch +[\d.]+ % \+- [\d.]+ after [\d.]+ ms", " ".join(words.split()))
+    assert re.search(r" [\d.]+ ms after a sudden touch [\d.]+ mm ", " ".join(words.split()))
     assert "The beam rings at 44 Hz, with the largest force lying on it as a weight at 10.2 Hz" in words
     assert "until the ringing is under the noise of a reading" in words.lower()
     layout, bare = facts.built.layout, change_scene(facts.scene, beam={"density_kg_m3": None})
     still = replace(facts.built, layout=replace(layout, surface=replace(layout.surface, scene=bare)))
     other = " ".join(Tags(page(replace(facts, built=still))).text)
-    assert "Ringing" not in other
+    assert "beam rings at" not in other
+    assert "the scene does not state the mass of the beam" in other

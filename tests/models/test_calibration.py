@@ -169,7 +169,7 @@ def test_the_command_prints_the_departures(
     assert found["model"] == runtime.load(output).identity
     assert found["error_after_mm"]["mean"] < found["error_before_mm"]["mean"]
     assert found["standard_errors"]["gain"]
-    assert "calibrated with 10 loads" in design_sensors_here("inspect", output).stdout
+    assert "fitted   to the real beam, with 10 loads" in design_sensors_here("inspect", output).stdout
     table = design_sensors_here("calibrate", bench_model, recording, "-o", output)
     lines = dict(line.split(maxsplit=1) for line in table.stdout.splitlines())
     assert list(lines) == [

@@ -100,11 +100,12 @@ def test_inspect_for_a_person(design_sensors_here: Command, bench_model: Path) -
     assert done.returncode == 0
     for said in (
         "gains +- 0.3 %, zeros +- 1 um",
-        "false contacts at rest: one in 30 days",
+        "false contacts while nothing touches: one in 30 days",
         "s1 68, s2 156, s3 244, s4 332 mm",
         "error over limit",
     ):
         assert said in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 100
 
 
 def test_the_floor_is_told_to_two_digits_or_as_a_range(bench: ModelFile) -> None:

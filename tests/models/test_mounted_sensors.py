@@ -41,14 +41,14 @@ def test_sensors_stay_where_the_replaced_model_has_them_until_told_to_move(
     def build(*options: object) -> tuple[list[float], str]:
         done = design_sensors_roughly("build", scene, "-o", model, "--json", *options)
         assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)["positions_mm"], done.stderr
+        return json.loads(done.stdout)["positions_mm"], done.noted
 
     first, said = build()
     assert ANEW not in said
     change(scene, "position_mm = [", "position_mm = [60.0, 340.0] # [")
     kept, said = build()
     assert kept == first
-    assert f"note:    the sensors stay where {model} has them, as they may be mounted; {ANEW}" in said
+    assert f"note: the sensors stay where {model} has them, as they may be mounted; {ANEW}" in said
     moved, said = build("--move-sensors")
     assert moved != first
     assert f"warning: sensors are not where {model} had them: " in said
@@ -72,7 +72,7 @@ def test_places_that_the_scene_forbids_are_given_up_with_a_warning(
     change(scene, "[sensors]", f"[sensors]\nkeep_out_mm = [[{first[0] - 1}, {first[0] + 1}]]")
     done = design_sensors_roughly("build", scene, "-o", model, "--json")
     assert json.loads(done.stdout)["positions_mm"][0] != first[0]
-    assert f"warning: sensors are not where {model} had them: {first[0]:g} -> " in done.stderr
+    assert f"warning: sensors are not where {model} had them: {first[0]:g} -> " in done.noted
 
 
 @pytest.mark.promise(
@@ -93,7 +93,7 @@ def test_sensors_stay_where_the_daemon_configuration_has_them(
     config.write_text(config.read_text(), encoding=encoding)  # some editors begin a file with a mark
     again = design_sensors_roughly("build", scene, *files, "--json", "--force")
     assert json.loads(again.stdout)["positions_mm"] == [first[0] + 3, *first[1:]]
-    assert f"stay where {config} has them" in again.stderr
+    assert f"stay where {config} has them" in again.noted
 
 
 @pytest.mark.promise(

@@ -92,10 +92,11 @@ def test_a_file_is_replaced_only_by_force(
 
 
 def test_scenes_are_listed_with_what_they_are(design_sensors_here: Command, tmp_path: Path) -> None:
-    lines = design_sensors_here("scenes").stdout.splitlines()
-    assert [line.split()[0] for line in lines] == sorted(path.stem for path in SCENES.glob("*.toml"))
-    assert all(len(line.split()) > 8 for line in lines)
+    printed = design_sensors_here("scenes").stdout
     told = json.loads(design_sensors_here("scenes", "--json").stdout)["scenes"]
-    assert [line.split(maxsplit=1) for line in lines] == [list(one) for one in told.items()]
+    assert list(told) == sorted(path.stem for path in SCENES.glob("*.toml"))
+    assert all(len(words.split()) > 7 for words in told.values())
+    assert printed.split() == [word for name, words in told.items() for word in (name, *words.split())]
+    assert max(map(len, printed.splitlines())) <= 100
     done = design_sensors_here("scenes", "--copy", "paper", tmp_path, "--json")
     assert json.loads(done.stdout) == {"copied": str(tmp_path / "paper.toml")}

@@ -137,7 +137,7 @@ def test_the_command_writes_a_model_and_says_what_it_changed(
     assert [float(one) for one in told_misfit.groups()] == pytest.approx(
         [told["misfit"]["before"], told["misfit"]["after"]], rel=0.01
     )
-    assert "calibrated with 200 unlabelled contacts" in design_sensors_here("inspect", output).stdout
+    assert "fitted   to the real beam, with 200 unlabelled contacts" in design_sensors_here("inspect", output).stdout
 
 
 @pytest.mark.promise(

@@ -98,7 +98,7 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
             for kind, text in words.items()
         ),
         *(
-            [("drift", f"{_each(calibrated.metadata, drift, drift_errors)} um per minute of the recording")]
+            [("drift", f"{_each(calibrated.metadata, drift, drift_errors)} um a minute")]
             if DRIFTING in fit.kinds
             else []
         ),

@@ -9,7 +9,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.commands.workers import spread_over
-from beamtouch_models.design.printing import Result, Table
+from beamtouch_models.design.printing import Result, Table, Words
 from beamtouch_models.lab.challenge.challenge import challenge, misses
 from beamtouch_models.runtime import loading
 
@@ -27,25 +27,48 @@ def run(options: argparse.Namespace) -> Result:
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         rows = challenge(content, draws=options.draws, seed=options.seed, progress=progress, spread=spread)
     told = [asdict(row) | {"misses": misses(row)} for row in rows]
-    title = f"{model.identity}, {options.draws} draws"
+    groups = [[row for row in told if row["honest"] is honest] for honest in (True, False)]
     missed = [f"{row['name']} ({', '.join(row['misses'])})" for row in told if row["misses"]]
     return Result(
         {"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told},
         [
-            _table(f"{title}: one contact, honestly measured", [row for row in told if row["honest"]], HONEST),
-            _table(f"{title}: faults and other worlds", [row for row in told if not row["honest"]], FAULTS),
+            f"{model.identity}, {options.draws} simulations of each case",
+            *(
+                _table(f"{group}: {part}", rows, columns)
+                for (group, parts), rows in zip(TABLES.items(), groups, strict=True)
+                for part, columns in parts.items()
+            ),
             _LEGEND,
-            f"Rows that miss the goals: {'; '.join(missed) or 'none'}.",
+            Words(f"Rows that miss the goals: {'; '.join(missed) or 'none'}."),
         ],
     )
 
 
-FIRST = {"samples": "samples", "error mm": "error_mm", "held": "held"}
-SAID = {name: name for name in ("unexplained", "noted", "clear", "silent", "misleading")}
-OTHER = {"unsteady": "held_unsteady", "other": "held_noted"}
-HONEST = {**FIRST, **OTHER, **SAID, "ghosts": "ghosts", "interval mm": "interval_mm"}
-"""The figures of a row under each heading."""
-FAULTS = {**FIRST, **SAID, "noticed": "noticed", "power": "power"}
+ANSWERED = {name: name for name in ("unexplained", "noted", "clear", "silent")}
+TABLES = {
+    "one contact, honestly measured": {
+        "errors and intervals": {
+            "samples": "samples",
+            "error, mm": "error_mm",
+            "interval, mm": "interval_mm",
+            "held, %": "held",
+            "unsteady, %": "held_unsteady",
+            "other, %": "held_noted",
+        },
+        "what was answered, %": {**ANSWERED, "misleading": "misleading", "ghosts": "ghosts"},
+    },
+    "faults and other worlds": {
+        "what was noticed, %": {
+            "noticed": "noticed",
+            "power": "power",
+            "misleading": "misleading",
+            "held": "held",
+            "error, mm": "error_mm",
+        },
+        "what was answered, %": {"samples": "samples", **ANSWERED},
+    },
+}
+"""The tables of each group of cases: the figures of a row under their headings."""
 
 
 def _table(title: str, rows: Sequence[dict[str, Any]], columns: dict[str, str]) -> Table:
@@ -62,10 +85,19 @@ def _cell(key: str, value: float | None) -> str:
     return "<0.01" if 0 < value < 1e-4 else digits(100 * value, 3)
 
 
-_LEGEND = """\
-All shares are in percent, and of all samples unless another number is named.
-held: intervals that hold the truth, of contacts without a note; unsteady, other: of those with this note, or another
-silent: no answer, as too few channels are within their range; ghosts: contacts that begin again, of the draws
-misleading: a contact without a note that is not there, or is further off than twice the half-interval
-interval: the median, with or without a note
-noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate"""
+_LEGEND = (
+    ("samples", "number of samples of the row; all shares are of them, unless other words stand here"),
+    ("error", "mean error of position of the contacts that are answered, with or without a note"),
+    ("interval", "median length of the intervals of position, with or without a note"),
+    ("held", "of the contacts without a note, those whose interval holds the truth; it is made to hold 95 %"),
+    ("unsteady", "the same of the contacts with this note, which says that the beam moves"),
+    ("other", "the same of the contacts with another note"),
+    ("unexplained", "neither rest nor one contact explains the sample, so no position is given"),
+    ("noted", "a contact with a note"),
+    ("clear", "said to be clear: missed, where something acts on the beam"),
+    ("silent", "no answer, as too few sensors work or are within their range"),
+    ("misleading", "a contact without a note that is not there, or further off than twice the half-interval"),
+    ("ghosts", "simulations in which a contact begins again"),
+    ("noticed", "unexplained, or a contact with a note"),
+    ("power", "what a test notices that knows which fault to look for, with as many false alarms"),
+)

@@ -17,6 +17,7 @@ from beamtouch_models.design.model import load_model
 from beamtouch_models.design.pricing.noise import check_scale
 from beamtouch_models.design.printing import Result, Table, note
 from beamtouch_models.design.scene import parse_scene
+from beamtouch_models.numbers import with_error
 from beamtouch_models.runtime.description import unseen
 from beamtouch_models.runtime.loading import ModelFile
 
@@ -34,7 +35,7 @@ def run(options: argparse.Namespace) -> Result:
                 noise_mm=noise_mm,
                 draws=options.draws,
                 seed=options.seed,
-                progress=partial(progress, f"measuring at a noise of {digits(noise_mm, 3)} mm"),
+                progress=partial(progress, f"measuring at a noise of {digits(1e3 * noise_mm, 3)} um"),
                 spread=spread,
             )
             for noise_mm in options.noise or [model.metadata.noise.sample_mm]
@@ -65,31 +66,38 @@ def _table(model: ModelFile, found: Evaluation) -> Table:
         rows.append((label, *(_text(value, scale) for value in values for scale in (1.0, percent))))
     ratios = [_text(None if errors is None else errors.ratio) for errors in (found.span, found.middle)]
     rows.append(("error over limit", ratios[0], "", ratios[1], ""))
-    noise = f"noise {digits(found.noise_mm, 3)} mm"
-    title = f"{model.identity} ({model.metadata.estimator}), {noise}, {found.draws} contacts"
+    noise = f"noise {digits(1e3 * found.noise_mm, 3)} um"
+    title = f"{model.identity}, estimator {model.metadata.estimator}: {noise}, {found.draws} simulated contacts"
     return Table(("position error", "whole range, mm", "% of length", "middle 60 %, mm", "% of length"), rows, title)
 
 
 def _lines(found: Evaluation) -> Iterator[tuple[str, str, str]]:
     """Yield results other than position errors as label, value and remark, without those that the model lacks."""
     for label, value, remark, scale in (
-        ("position interval", found.position_coverage, "% of contacts lie inside; nominally 95 %", 100.0),
-        ("its width", found.position_width_mm, "mm, mean", 1.0),
-        ("force interval", found.force_coverage, "% of forces lie inside; nominally 95 %", 100.0),
-        ("force error", found.force_error_n, "N, mean", 1.0),
-        ("missed contacts", found.missed, "% of contacts", 100.0),
-        ("unexplained", found.unexplained, "% of contacts exceed the threshold of the misfit", 100.0),
+        (
+            "position held",
+            found.position_coverage,
+            "% of contacts lie in their interval; it is made to hold 95 %",
+            100.0,
+        ),
+        ("interval", found.position_width_mm, "mm from its lower to its upper end, on average", 1.0),
+        ("force held", found.force_coverage, "% of forces lie in their interval; it is made to hold 95 %", 100.0),
+        ("force error", found.force_error_n, "N, on average", 1.0),
+        ("missed", found.missed, "% of contacts are taken for rest", 100.0),
+        ("unexplained", found.unexplained, "% of contacts look like something else than one contact", 100.0),
     ):
         if value is not None:
             yield label, _text(value, scale), remark
     if found.smallest_force_n is not None:
         best, worst = ("" if force is None else digits(force, 3) for force in found.smallest_force_n)
         forces = f"{best}..{worst}" if worst else f"{best} and more" if best else "-"
-        yield "smallest force", forces, "N, seen in 95 % of samples along the range"
+        yield "smallest force", forces, "N, seen in 95 % of samples, at the best place and the worst"
     if found.cramer_rao_mean_mm is None:
         yield "without noise", "", "the limit is 0, so there is no ratio"
     else:
-        yield "Cramer-Rao", digits(found.cramer_rao_mean_mm, 4), "mm, mean |error| of an unbiased estimate"
+        bound = digits(found.cramer_rao_mean_mm, 3)
+        yield "Cramer-Rao", bound, "mm, the mean error of an unbiased estimate, which knows no range of contacts"
+    yield "+-", "", "a standard error"
 
 
 def _text(value: Measurement | float | None, scale: float = 1.0) -> str:
@@ -97,5 +105,5 @@ def _text(value: Measurement | float | None, scale: float = 1.0) -> str:
     if value is None:
         return "-"
     if isinstance(value, float):
-        return digits(scale * value, 4)
-    return f"{digits(scale * value.value, 4)} +- {digits(scale * value.standard_error, 2)}"
+        return digits(scale * value, 3)
+    return with_error(scale * value.value, scale * value.standard_error)

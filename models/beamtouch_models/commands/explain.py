@@ -1,15 +1,13 @@
-"""`design-sensors explain`: the price of each physical effect in a scene, and the time that modelling it costs.
+"""`design-sensors explain`: the price of each physical effect in a scene, and whether the model includes it.
 
 With `--zones`, also what zones of the service would be worth: the width of the band at each edge that is `unsure`.
 """
 
 import argparse
-import time
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from beamtouch_common.digits import digits
@@ -18,22 +16,16 @@ from beamtouch_common.files import load_toml
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.effort import Effort
-from beamtouch_models.design.physics.beam import influence_matrix, load_positions_mm
-from beamtouch_models.design.physics.mesh import mesh_of
 from beamtouch_models.design.placement.placing import DEFAULT_AIM
-from beamtouch_models.design.pricing.prices import NEGLIGIBLE, Effect
+from beamtouch_models.design.pricing.prices import NEGLIGIBLE, VERDICTS, Effect
 from beamtouch_models.design.pricing.ringing import describe_ringing
-from beamtouch_models.design.printing import Block, Result, Table, note
+from beamtouch_models.design.printing import Block, Result, Table, Words, note
 from beamtouch_models.design.scene import Scene, load_scene
 from beamtouch_models.design.surface import Surface, resolve
 
-REPEATS = 5
-SENSORS = 101
-"""Sensors in the influence matrix whose computation is timed."""
-
 
 def run(options: argparse.Namespace) -> Result:
-    """Price the effects, and measure the time that each costs."""
+    """Price the effects; the result is a row for each, and how long the beam rings."""
     effort, (scene, _) = Effort(options.effort), load_scene(options.scene)
     note(*remarks(scene))
     zones = _load_zones(options.zones, scene) if options.zones else {}
@@ -41,6 +33,7 @@ def run(options: argparse.Namespace) -> Result:
     surface.check()
     effects = [_as_json(effect) for effect in surface.effects]
     noise, ringing = surface.readings.behind(surface.filter), surface.ringing
+    rings = describe_ringing(ringing) if ringing else []
     fields = {
         "effects": effects,
         "noise_mm": noise.sample_mm,
@@ -49,12 +42,15 @@ def run(options: argparse.Namespace) -> Result:
         "max_deflection_mm": surface.travel.largest_mm,
         "negligible": NEGLIGIBLE,
     }
+    head = ("effect", "um", "price", "model", "remark")
     rows: list[Block] = [
-        Table(("effect", "price", "", "with/without", "remark"), [*map(_row, effects)], text=("", "remark")),
-        f"price: in units of a sample's noise, {digits(noise.sample_mm, 3)} mm; the cheapest effects are left out as "
-        f"long as their prices sum to less than {NEGLIGIBLE:g}\n"
-        f"with/without: measured time to compute an influence matrix of {SENSORS} sensors",
-        *(describe_ringing(ringing) if ringing else []),
+        Table(head, [_row(effect, noise.sample_mm) for effect in surface.effects], text=("model", "remark")),
+        [
+            ("um", "the most that the effect changes the deflection at a sensor, under the largest force"),
+            ("price", f"the same over a sample's noise, {digits(1e3 * noise.sample_mm, 3)} um"),
+            *VERDICTS.values(),
+            *(("" if place else "ringing", line) for place, line in enumerate(rings)),
+        ],
     ]
     if zones:
         edges = _bands_of(surface, zones, effort)
@@ -64,39 +60,18 @@ def run(options: argparse.Namespace) -> Result:
 
 
 def _as_json(effect: Effect) -> dict[str, Any]:
-    """Return an effect with the time of an influence matrix with and without it, in us; None if it changes nothing."""
-    with_us = without_us = cost_us = None
-    if effect.having is not None and effect.lacking is not None:
-        with_us, without_us = _matrix_us(effect.having), _matrix_us(effect.lacking)
-        cost_us = with_us - without_us
     return {
         "name": effect.name,
         "price": effect.price,
         "included": effect.verdict == "in",
         "verdict": effect.verdict,
-        "cost_us": cost_us,
-        "with_us": with_us,
-        "without_us": without_us,
         "reason": effect.reason,
     }
 
 
-def _row(effect: dict[str, Any]) -> tuple[str, ...]:
-    price = "-" if effect["price"] is None else digits(effect["price"], 3)
-    timed = "-" if effect["cost_us"] is None else f"{effect['with_us']:.0f}/{effect['without_us']:.0f} us"
-    return effect["name"], price, effect["verdict"], timed, effect["reason"]
-
-
-def _matrix_us(scene: Scene) -> float:
-    """Return the shortest measured time of an influence matrix of SENSORS sensors, in us."""
-    sensors, loads = np.linspace(0.0, scene.beam.length_mm, SENSORS), load_positions_mm(scene)
-    least = float("inf")
-    for _ in range(REPEATS):
-        mesh_of.cache_clear()  # the time includes the assembly
-        start = time.perf_counter()
-        influence_matrix(scene, sensors, loads)
-        least = min(least, time.perf_counter() - start)
-    return 1e6 * least
+def _row(effect: Effect, noise_mm: float) -> tuple[str, ...]:
+    um, price = ("-" if effect.price is None else digits(scale * effect.price, 2) for scale in (1e3 * noise_mm, 1.0))
+    return effect.name, um, price, VERDICTS[effect.verdict][0], effect.reason
 
 
 SEED = 0
@@ -172,4 +147,4 @@ def _zone_rows(edges: list[Edge]) -> list[Block]:
         "on average over the forces of the zone\n"
         "wrong: contacts in this band that are said to be on the wrong side of the edge"
     )
-    return [Table(head, rows), words]
+    return [Table(head, rows), Words(words)]

@@ -29,8 +29,8 @@ def run(options: argparse.Namespace) -> Result:
     text = _check(Answers(**{name: value for name, value in given.items() if value is not None} | lists), target)
     write_atomically(target, text.encode())
     typed = shlex.quote(str(target))
-    then = f"then design-sensors build {typed} -o MODEL.onnx --daemon-config daemon.toml"
-    return Result({}, [f"{target}: next, design-sensors explain {typed}, {then}"])
+    build = f"design-sensors build {typed} -o MODEL.onnx --daemon-config daemon.toml"
+    return Result({}, [f"{target}; next:\ndesign-sensors explain {typed}\n{build}"])
 
 
 def _check(answers: Answers, target: Path) -> str:

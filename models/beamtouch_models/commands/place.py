@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import time
 from typing import Any
 
 from beamtouch_common.digits import digits
@@ -16,7 +15,8 @@ from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, recommen
 from beamtouch_models.design.printing import Result, note
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.design.surface import resolve
-from beamtouch_models.numbers import three_digits
+from beamtouch_models.numbers import rounded, with_error
+from beamtouch_models.runtime.description import SOUGHT
 
 LIMIT_DRAWS, LEAST_DRAWS = 10_000, 256
 """Usual and smallest number of simulated contacts."""
@@ -24,7 +24,6 @@ LIMIT_DRAWS, LEAST_DRAWS = 10_000, 256
 
 def run(options: argparse.Namespace) -> Result:
     """Place the sensors of a scene; the result is the layout with its score, gap and accuracy limit."""
-    started = time.perf_counter()
     scene, _ = load_scene(options.scene)
     note(*remarks(scene))
     aim = aim_of(options)
@@ -32,7 +31,6 @@ def run(options: argparse.Namespace) -> Result:
         layout = place_sensors(resolve(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress)
         progress("measuring the accuracy limit", 0.95)
         fields = _describe(layout, options.seed)
-    fields["wall_s"] = time.perf_counter() - started
     note(missed_error("accuracy limit", fields["accuracy_limit_percent"], scene))
     return Result(fields, [_rows(fields, layout)])
 
@@ -49,7 +47,7 @@ def aim_of(options: argparse.Namespace) -> Aim:
 
 
 def _describe(layout: Layout, seed: int) -> dict[str, Any]:
-    """Return everything to print except the time; unknown values are None."""
+    """Return everything to print; unknown values are None."""
     placement, surface, aim, gap = layout.placement, layout.surface, layout.aim, None
     if aim.criterion == "eigenvalue-product":
         gap = largest_gap(surface.influence, surface.rules, layout.positions_mm, aim.leading)
@@ -77,37 +75,49 @@ def _describe(layout: Layout, seed: int) -> dict[str, Any]:
 
 def _rows(found: dict[str, Any], layout: Layout) -> list[tuple[str, str]]:
     """Return a line per figure, each number with its unit and reference."""
-    surface, positions, score = layout.surface, found["positions_mm"], found["log_eigenvalue_product"]
-    leading = f"{found['components']} leading eigenvalues" if found["components"] < len(positions) else "all"
-    product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
-    percent, noise_mm = found["accuracy_limit_percent"], surface.errors.noise_mm
-    error_mm = percent / 100 * surface.influence.diagonal_mm
-    without = ", ".join(
-        f"{digits(percent, 3)} % +- {digits(error, 1)} without {position:g}"
-        for position, percent, error in zip(
+    surface, positions = layout.surface, found["positions_mm"]
+    mm, noise_mm = surface.influence.diagonal_mm / 100, surface.errors.noise_mm
+    percent, recommended = found["accuracy_limit_percent"], found["recommended_sensors"]
+    limit = with_error(percent * mm, found["standard_error"] * mm, unit=" mm")
+    share = rounded(percent, found["standard_error"])
+    without = "; ".join(
+        f"at {position:g} mm: {with_error(value * mm, error * mm, unit=' mm')}"
+        for position, value, error in zip(
             positions, found["limit_without_percent"], found["limit_without_standard_error"], strict=False
         )
     )
-    recommended = found["recommended_sensors"]
+    spare = ", with the worst sensor failed" if found["spare"] else ""
     return [
         ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
-        ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
-        ("bound", _bound_in_words(found["gap"])),
         (
             "limit",
-            f"mean error {three_digits(percent)} % +- {digits(found['standard_error'], 1)} of the length, "
-            f"{digits(error_mm, 3)} mm, at {digits(noise_mm, 3)} mm noise per sample",
+            f"mean error {limit} ({share} % of the length), the best possible with these sensors, at "
+            f"{digits(1e3 * noise_mm, 3)} um noise per sample",
         ),
-        *([("failed", f"mean error {without}")] if without else []),
-        ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
-        ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
+        *([("failed", f"mean error without the sensor {without}")] if without else []),
+        ("placed", f"for {SOUGHT[found['criterion']]}{spare}; search {found['search']}, seed {found['seed']}"),
+        *(_product_rows(found) if found["criterion"] == "eigenvalue-product" else []),
         ("paper", f"{recommended} sensors by the paper's rule, one per component above the noise, at least two"),
+        ("+-", "a standard error"),
     ]
 
 
-def _bound_in_words(gap: float | None) -> str:
-    if gap is None:
-        return "none for this criterion; --criterion eigenvalue-product has one"
-    if gap == 0:
-        return "no layout on the grid has a larger product"
-    return f"no layout on the grid scores more than {digits(gap, 3)} above this one, in ln of the product"
+def _product_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the criterion's value, and the bound on how much better another layout could be."""
+    score, gap = found["log_eigenvalue_product"], found["gap"]
+    some = found["components"] < len(found["positions_mm"])
+    factors = f"the {found['components']} leading eigenvalues" if some else "all eigenvalues"
+    product = "-inf, as a component is below rounding" if score is None else f"{score:.4f}"
+    bound = (
+        "no layout on the grid has a larger product"
+        if gap == 0
+        else f"no layout on the grid has a logarithm more than {digits(gap, 3)} above this one"
+    )
+    return [
+        (
+            "product",
+            f"ln {product}: the logarithm of the product of {factors}; larger is better (lengths over that of the "
+            "beam, W/(EI) = 1)",
+        ),
+        ("bound", bound),
+    ]

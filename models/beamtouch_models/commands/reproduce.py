@@ -4,7 +4,7 @@ import argparse
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.shared import folder_of, shown_progress
-from beamtouch_models.design.printing import Result, Table
+from beamtouch_models.design.printing import Result, Table, Words
 from beamtouch_models.lab.reproduction.paper import HEAD, SOURCE, TITLE
 from beamtouch_models.lab.reproduction.reproduce import reproduce
 
@@ -21,6 +21,6 @@ def run(options: argparse.Namespace) -> Result:
     table = Table(HEAD, [row.cells for row in reproduction.rows], text=HEAD, bold=differing, ruled=True)
     return Result(
         {"output": str(folder), "files": sorted(files), **reproduction.results()},
-        [f"The paper: {TITLE}. {SOURCE}", table, f"{reproduction.summary()} (seed {reproduction.seed})"],
+        [Words(f"The paper: {TITLE}. {SOURCE}"), table, f"{reproduction.summary()} (seed {reproduction.seed})"],
         f"{len(files)} files in {folder}: plots, results.json, table.md",
     )

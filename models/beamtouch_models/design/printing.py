@@ -1,15 +1,13 @@
 """The form of a command's result, its one printer, the same in Markdown, and notes beside it."""
 
 import json
+import shutil
 import sys
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TextIO
 
-from beamtouch_common.table import aligned_markdown
-
-WIDTH_WITHOUT_TERMINAL = 180
-"""Characters in a line of a table that goes to a file or a pipe."""
+from beamtouch_common.table import WIDTH, aligned_markdown, in_columns, wrapped
 
 
 @dataclass(frozen=True)
@@ -27,8 +25,15 @@ class Table:
     """Whether lines separate the rows, as cells of several lines need."""
 
 
-Block = Table | Sequence[tuple[str, ...]] | str
-"""A table, lines whose parts stand in columns, or a paragraph."""
+@dataclass(frozen=True)
+class Words:
+    """Paragraphs, a line each, which are broken to fit a page."""
+
+    text: str
+
+
+Block = Table | Words | Sequence[tuple[str, ...]] | str
+"""A table, paragraphs, lines whose parts stand in columns, or text that is printed as it is."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +53,16 @@ def show(result: Result, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.fields), flush=True)
         return
+    width = _width_of(sys.stdout)
     for block in result.rows:
         if isinstance(block, Table):
-            _print_table(block)
+            _print_table(block, width)
+        elif isinstance(block, Words):
+            print("\n".join(line for text in block.text.splitlines() for line in _paragraph(text, width)))
         elif isinstance(block, str):
             print(block)
         else:
-            print("\n".join(_in_columns(block)))
+            print("\n".join(in_columns(block, width)))
     if result.remark:
         print(result.remark, file=sys.stderr)
 
@@ -63,7 +71,8 @@ def note(*texts: str, kind: str = "note") -> None:
     """Print notes or warnings on standard error, where no program takes them for a result; empty ones are none."""
     for text in texts:
         if text:
-            print(f"{kind + ':':<8} {text}", file=sys.stderr)
+            lines = wrapped(text, _width_of(sys.stderr), f"{kind + ':':<8} ")
+            print("\n".join(lines), file=sys.stderr)
 
 
 def markdown(title: str, blocks: Iterable[Block]) -> str:
@@ -72,30 +81,38 @@ def markdown(title: str, blocks: Iterable[Block]) -> str:
     for block in blocks:
         if isinstance(block, Table):
             parts += [f"## {block.title[:1].upper()}{block.title[1:]}", aligned_markdown(block.head, block.rows)]
+        elif isinstance(block, Words):
+            parts.append(block.text)
         elif isinstance(block, str):
             parts.append(block)
         else:
-            parts.append("\n".join(["```", *_in_columns(block), "```"]))
+            parts.append("\n".join(["```", *in_columns(block), "```"]))
     return "\n\n".join(parts) + "\n"
 
 
-def _in_columns(lines: Sequence[tuple[str, ...]]) -> Iterable[str]:
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for parts in lines:
-        yield "  ".join(part.ljust(width) for part, width in zip(parts, widths, strict=True)).rstrip()
+def _paragraph(text: str, width: int) -> list[str]:
+    """Return the lines of a paragraph, or of an item of a list, which stands beside its mark."""
+    mark = "- " if text.startswith("- ") else ""
+    return wrapped(text.removeprefix(mark), width, mark)
 
 
-def _print_table(table: Table) -> None:
+def _width_of(stream: TextIO | None) -> int:
+    """Return the characters in a line of a stream: those of a narrow terminal, otherwise those of a page."""
+    is_terminal = stream is not None and stream.isatty()  # None if it was closed before the start
+    return min(WIDTH, shutil.get_terminal_size().columns) if is_terminal else WIDTH
+
+
+def _print_table(table: Table, width: int) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table as RichTable
 
-    drawn = RichTable(title=table.title or None, box=SIMPLE_HEAD, title_justify="left", show_lines=table.ruled)
+    drawn = RichTable(
+        title=table.title or None, box=SIMPLE_HEAD, title_justify="left", show_lines=table.ruled, padding=(0, 1, 0, 0)
+    )
     for place, heading in enumerate(table.head):
         is_text = place == 0 or heading in table.text
         drawn.add_column(heading, justify="left" if is_text else "right", overflow="fold")
     for place, cells in enumerate(table.rows):
         drawn.add_row(*cells, style="bold" if place in table.bold else None)
-    is_terminal = sys.stdout is not None and sys.stdout.isatty()  # None if it was closed before the start
-    width = None if is_terminal else WIDTH_WITHOUT_TERMINAL
     Console(width=width, highlight=False, markup=False).print(drawn)

@@ -1,13 +1,19 @@
 """A model file in words, for every command that describes one."""
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 
 from beamtouch_common.digits import digits
-from beamtouch_models.numbers import three_digits
+from beamtouch_common.table import in_columns
+from beamtouch_models.names import Criterion
+from beamtouch_models.numbers import rounded, with_error
 from beamtouch_models.runtime.metadata import POSITION_OUTPUTS, Metadata
 
+SOUGHT: dict[Criterion, str] = {
+    "position-error": "the least position error",
+    "eigenvalue-product": "the largest product of eigenvalues, as in the paper",
+}
+"""What each criterion of placement seeks."""
 NARROW = 0.015
 """Share of the range of contacts that a stretch at one of its ends must exceed to be told."""
 
@@ -18,63 +24,69 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     layout = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in metadata.layout)
     low, high = metadata.ranges.position_mm
     weak, strong = metadata.ranges.force_n
-    force = f"{weak:g} N, known" if weak == strong else f"{weak:g}..{strong:g} N, not known in advance"
-    gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {digits(sensor.standoff_mm, 4)} mm at rest"
-    most = "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
-    smoothing = f"{chosen.kind} of {chosen.window}{most} readings"
-    error = f"{three_digits(accuracy.error_percent)} % +- {digits(accuracy.error_standard_error, 1)}"
-    best = f"{three_digits(accuracy.limit_percent)} % +- {digits(accuracy.limit_standard_error, 1)}"
-    ratio = f"{accuracy.ratio:.3f} +- {digits(accuracy.ratio_standard_error, 1)}"
-    lacks = ", ".join(lacking(outputs))
-    largest = f"{metadata.length_mm:g} mm, largest deflection {digits(metadata.max_deflection_mm, 4)} mm"
+    force = f"{weak:g} N, a known force" if weak == strong else f"{weak:g} to {strong:g} N, not known in advance"
+    gaps = f"linear over gaps of {sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm"
+    least, most = str(chosen.window), "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
+    mm = metadata.length_mm / 100
+    error = with_error(accuracy.error_percent * mm, accuracy.error_standard_error * mm, unit=" mm")
+    best = with_error(accuracy.limit_percent * mm, accuracy.limit_standard_error * mm, unit=" mm")
+    share = rounded(accuracy.error_percent, accuracy.error_standard_error)
+    ratio = with_error(accuracy.ratio, accuracy.ratio_standard_error)
+    lacks, floor = ", ".join(lacking(outputs)), metadata.floor
+    bends = f"bends by up to {digits(metadata.max_deflection_mm, 3)} mm"
     rows = [
-        ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),
-        ("beam", f"{metadata.beam}: {largest}"),
+        ("model", f"{identity}, estimator {metadata.estimator}, seed {metadata.seed}"),
+        ("beam", f"{metadata.length_mm:g} mm long, {bends}; identity {metadata.beam}"),
         ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
         ("mounted", f"fixed_mm = {[channel.position_mm for channel in metadata.layout]} in [sensors] keeps them there"),
-        ("contact", f"{low:g}..{high:g} mm, {force}"),
-        ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
+        ("contact", f"from {low:g} to {high:g} mm, with {force}"),
+        ("error", f"{error} on average ({share} % of the length){_of_what(metadata)}"),
+        ("limit", f"{best}, the best possible with these sensors; error over limit {ratio}"),
+        *(("answer", f"{kind}: off by {', '.join(errors)}") for kind, errors in answers(metadata).items()),
+        *_failed(metadata),
+        ("touch", _touch(metadata)),
+        ("rest", f"false contacts while nothing touches: {per_day(metadata.thresholds.false_contacts_per_day)}"),
+        (
+            "sensor",
+            f"{gaps}, {digits(sensor.standoff_mm, 3)} mm at rest; {sensor.adc_bits} bits, {sensor.rate_hz:g} readings "
+            "a second",
+        ),
+        (
+            "noise",
+            f"{digits(1e3 * noise.reading_mm, 3)} um per reading, {digits(1e3 * noise.sample_mm, 3)} um per sample",
+        ),
+        ("filter", "none" if chosen.kind == "none" else f"{chosen.kind} of {least}{most} readings"),
         (
             "floor",
-            f"gains {_several(metadata.floor.gain, 100, '%')}, zeros {_several(metadata.floor.zero_mm, 1000, 'um')}",
+            f"gains {_several(floor.gain, 100, '%')}, zeros {_several(floor.zero_mm, 1000, 'um')}, "
+            "which no filter averages away",
         ),
-        ("touch", _touch(metadata)),
-        ("filter", "none" if chosen.kind == "none" else smoothing),
-        ("noise", f"{digits(noise.reading_mm, 3)} mm per reading, {digits(noise.sample_mm, 3)} mm per sample"),
-        ("error", f"{error} of the length, on average{_of_what(metadata)}"),
-        ("limit", f"{best}; error over limit {ratio}"),
-        *(("answer", f"{kind}: error {', '.join(errors)}") for kind, errors in answers(metadata).items()),
-        *_placed(metadata),
         ("outputs", ", ".join(outputs)),
         *([("lacks", f"{lacks}: `design-sensors evaluate` can use it, the service cannot")] if lacks else []),
-        ("golden", f"{len(metadata.golden.deflection_mm)} answers reproduced"),
+        ("checked", f"the graph gives the {len(metadata.golden.deflection_mm)} answers that were stored with it"),
         *_calibration(metadata),
+        ("+-", "a standard error; in `floor`, a standard deviation"),
     ]
-    return "\n".join(f"{label:<8} {text}" for label, text in rows)
+    return "\n".join(in_columns(rows))
 
 
 def _of_what(metadata: Metadata) -> str:
     chosen = metadata.filter
-    return "" if chosen.kind == "none" else f", of the mean of {chosen.window} readings at rest"
+    return "" if chosen.kind == "none" else f", with {chosen.window} readings of a load at rest"
 
 
 def answers(metadata: Metadata) -> dict[str, list[str]]:
-    """Return what an answer gives, and when, in words for each kind of touch."""
-    kinds: dict[str, list[str]] = {"sudden touch": [], "touch without ringing": []}
+    """Return the mean errors in mm of answers by the time since a touch, in words for each kind of touch.
+
+    A sudden touch makes the beam ring, a gentle one does not.
+    """
+    kinds: dict[str, list[str]] = {"sudden touch": [], "gentle touch": []}
     for answer in metadata.accuracy.since_touch:
-        after = f"after {digits(answer.since_ms, 3)} ms"
-        kinds["touch without ringing"].append(f"{_measured(answer.error_percent, answer.error_standard_error)} {after}")
-        if answer.ringing_percent is not None:
-            kinds["sudden touch"].append(f"{_measured(answer.ringing_percent, answer.ringing_standard_error)} {after}")
+        for kind, percent in (("sudden touch", answer.ringing_percent), ("gentle touch", answer.error_percent)):
+            if percent is not None:
+                error_mm = digits(percent * metadata.length_mm / 100, 2)
+                kinds[kind].append(f"{error_mm} mm at {digits(answer.since_ms, 3)} ms")
     return {kind: errors for kind, errors in kinds.items() if errors}
-
-
-def _measured(percent: float, standard_error: float | None) -> str:
-    """Return a figure to the digit that its standard error leaves."""
-    if not standard_error:
-        return f"{digits(percent, 2)} %"
-    decimals = max(0, -math.floor(math.log10(standard_error)))
-    return f"{percent:.{decimals}f} % +- {digits(standard_error, 1)}"
 
 
 def lacking(outputs: Sequence[str]) -> list[str]:
@@ -94,12 +106,11 @@ def per_day(rate: float) -> str:
 
 
 def _touch(metadata: Metadata) -> str:
-    seen, often = metadata.smallest_force.force_n, per_day(metadata.thresholds.false_contacts_per_day)
-    best, left, right = (
-        "none" if force is None else f"{digits(force, 2)} N" for force in (extremes(seen)[0], seen[0], seen[-1])
+    seen = metadata.smallest_force.force_n
+    best, *ends = (
+        "nothing" if force is None else f"{digits(force, 2)} N" for force in (extremes(seen)[0], seen[0], seen[-1])
     )
-    needed = f"smallest force seen: {best} at the best place, {left} and {right} at the ends of the range"
-    return f"{needed}; false contacts at rest: {often}"
+    return f"smallest force seen: {best} at the best place, {' and '.join(dict.fromkeys(ends))} at the ends"
 
 
 def extremes(smallest_n: Sequence[float | None]) -> tuple[float | None, float | None]:
@@ -148,18 +159,19 @@ def _runs(metadata: Metadata, is_wanted: Callable[[float | None], bool]) -> Iter
 
 
 def _in_words(low_mm: float, high_mm: float) -> str:
-    return f"{digits(low_mm, 4)} mm" if low_mm == high_mm else f"{digits(low_mm, 4)}..{digits(high_mm, 4)} mm"
+    return f"{digits(low_mm, 3)} mm" if low_mm == high_mm else f"{digits(low_mm, 3)} to {digits(high_mm, 3)} mm"
 
 
-def _placed(metadata: Metadata) -> list[tuple[str, str]]:
-    placed = metadata.placed
+def _failed(metadata: Metadata) -> list[tuple[str, str]]:
+    placed, mm = metadata.placed, metadata.length_mm / 100
     if not placed.limit_without_percent:
         return []
     worst = max(placed.limit_without_percent)
     index = placed.limit_without_percent.index(worst)
-    name, grown = metadata.layout[index].name, _measured(worst, placed.limit_without_standard_error[index])
-    spare = ", with a spare" if placed.spare else ""
-    return [("placed", f"by {placed.criterion}{spare}; the limit grows to {grown} if {name} fails")]
+    grown = with_error(worst * mm, placed.limit_without_standard_error[index] * mm, unit=" mm")
+    spare = ", with the worst sensor failed" if placed.spare else ""
+    found = f"the limit grows to {grown} if {metadata.layout[index].name} fails, the worst to lose"
+    return [("failed", found), ("placed", f"for {SOUGHT[placed.criterion]}{spare}")]
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
@@ -178,4 +190,4 @@ def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
             f"{calibration.contacts} unlabelled contacts, median misfit {digits(calibration.misfit_before, 3)} before, "
             f"{digits(calibration.misfit_after, 3)} after"
         )
-    return [("real", f"calibrated with {'; then with '.join(told)}; fitted: {kinds}")]
+    return [("fitted", f"to the real beam, with {'; then with '.join(told)}; departures: {kinds}")]

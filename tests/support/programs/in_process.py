@@ -14,6 +14,11 @@ class Outcome:
     stdout: str
     stderr: str
 
+    @property
+    def noted(self) -> str:
+        """What is said on standard error, in one line: notes are broken to fit a page."""
+        return " ".join(self.stderr.split())
+
 
 Command = Callable[..., Outcome]
 Refusal = Callable[..., str]

@@ -75,10 +75,8 @@ def weak_spot(metadata: Metadata) -> str:
     if worst < TOO_MUCH * limit_percent:
         return ""
     name = layout[placed.limit_without_percent.index(worst)].name
-    return (
-        f"if {name} fails, the mean position error grows from {digits(limit_percent, 3)} to {digits(worst, 3)} "
-        f"% of the length; {remedy}"
-    )
+    with_all, without = (digits(percent / 100 * metadata.length_mm, 3) for percent in (limit_percent, worst))
+    return f"if {name} fails, the mean position error grows from {with_all} to {without} mm; {remedy}"
 
 
 def short_tare(walk: Walk | None) -> str:

@@ -32,6 +32,14 @@ Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
 
 NEGLIGIBLE = 0.1
 """Sum of the prices of the effects that are left out, in units of the noise, is less than this."""
+VERDICTS: dict[Verdict, tuple[str, str]] = {
+    "in": ("included", "the model computes it"),
+    "out": ("left out", f"the prices of all that is left out sum to less than {NEGLIGIBLE:g}"),
+    "floor": ("in intervals", "an error that no filter averages away; the intervals of each answer allow for it"),
+    "not stated": ("not stated", "not known from the scene; the remark says what would tell it"),
+    "not modelled": ("not modelled", "it matters, but no part of the model includes it"),
+}
+"""What people read for each verdict, and what it means."""
 MAX_POSITIONS = 401
 """Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
 NEAR = 0.5
@@ -147,7 +155,7 @@ def _shear(pricing: Pricing) -> Effect:
     if beam.shear_modulus_gpa is not None:
         return _stated(pricing, "shear", f"shear modulus {beam.shear_modulus_gpa:g} GPa", without_shear)
     if beam.modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
-        return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
+        return Effect("shear", None, "not stated", "state shear_modulus_gpa, width_mm and thickness_mm")
     modulus = beam.modulus_gpa / (2 * (1 + POISSON_RATIO))
     having = change_scene(scene, beam={"shear_modulus_gpa": modulus})
     price = pricing.price(having, scene)
@@ -168,8 +176,8 @@ def _contact_width(pricing: Pricing) -> Effect:
 def _self_weight(pricing: Pricing) -> Effect:
     # Deflections are linear in the load: after a tare, a contact adds the same deflection with or without the weight.
     sag = motion.sag_mm(pricing.scene.beam)
-    told = "" if sag is None else f"; the beam sags by {digits(sag, 3)} mm, which the stand-off must allow for"
-    return Effect("self-weight", 0.0, "out", f"constant, removed by the tare{told}")
+    told = "" if sag is None else f"; set the gaps with the beam in place, as it sags by {digits(sag, 3)} mm"
+    return Effect("self-weight", 0.0, "out", f"constant, so a tare removes it{told}")
 
 
 def _overhang(pricing: Pricing) -> Effect:
@@ -181,7 +189,9 @@ def _overhang(pricing: Pricing) -> Effect:
     price = pricing.in_noise(pricing.stated_mm[off_loads[:, None] | off_sensors])
     if price == 0:
         return Effect("overhang", 0.0, "out", "no load or sensor on an overhang")
-    return Effect("overhang", price, "in", f"beyond the supports at {places[0]:g} and {places[-1]:g} mm")
+    return Effect(
+        "overhang", price, "in", f"the beam reaches beyond the supports at {places[0]:g} and {places[-1]:g} mm"
+    )
 
 
 def _steps(pricing: Pricing) -> Effect:
@@ -191,8 +201,7 @@ def _steps(pricing: Pricing) -> Effect:
     # The prismatic beam has no section for shear to depend on, so compare the two without shear.
     having, lacking = without_shear(scene), without_steps(scene)
     price = pricing.price(having, lacking)
-    mean = digits(lacking.beam.rigidity_n_mm2, 4)
-    reason = f"compared to a prismatic beam of the same mean compliance, {mean} N mm^2"
+    reason = "beside a uniform beam that is as flexible on average"
     if price < NEGLIGIBLE and scene.beam.shear_modulus_gpa is not None:
         return Effect(
             "steps", price, "in", f"{reason}; included, because shear depends on the sections", having, lacking
@@ -216,30 +225,28 @@ def _dynamics(pricing: Pricing) -> Effect:
     scene = pricing.scene
     frequency = motion.first_frequency_hz(scene.beam)
     if frequency is None:
-        return Effect("dynamics", None, "not stated", "give density_kg_m3 or material, with width_mm and thickness_mm")
+        return Effect("dynamics", None, "not stated", "state density_kg_m3 or material, with width_mm and thickness_mm")
     damping_ratio = motion.damping_of(scene.beam)
     still = motion.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
     price = pricing.price_of_all * still
     assumed = " (assumed)" if scene.beam.damping_ratio is None else ""
     told = f"rings at {digits(frequency, 3)} Hz, damped by {digits(100 * damping_ratio, 2)} %{assumed}"
     if price < NEGLIGIBLE:
-        return Effect("dynamics", price, "out", f"{told}; decayed once the filter has settled")
-    return Effect("dynamics", price, "not modelled", f"{told}; intervals are wide while the readings scatter")
+        return Effect("dynamics", price, "out", f"{told}; it has decayed once the filter has settled")
+    return Effect("dynamics", price, "not modelled", f"{told}; intervals are wide until it is still")
 
 
 def _gain_error(pricing: Pricing) -> Effect:
     gain = pricing.readings.gain
-    remark = "" if pricing.scene.sensors.gain_error_percent is not None else ", as the scene states none"
-    reason = (
-        f"calibration leaves an error of {digits(100 * gain, 3)} % of the deflection{remark}; it never averages away"
-    )
+    assumed = "" if pricing.scene.sensors.gain_error_percent is not None else " (assumed)"
+    reason = f"calibration leaves an error of {digits(100 * gain, 3)} % of the deflection{assumed}"
     return Effect("gain error", gain * pricing.price_of_all, "floor", reason)
 
 
 def _zero_drift(pricing: Pricing) -> Effect:
     zero_mm = pricing.readings.zero_mm
-    remark = "" if pricing.scene.sensors.zero_drift_mm is not None else ", as the scene states none"
-    reason = f"{digits(1000 * zero_mm, 3)} um since the last tare{remark}; it never averages away"
+    assumed = "" if pricing.scene.sensors.zero_drift_mm is not None else " (assumed)"
+    reason = f"{digits(1000 * zero_mm, 3)} um since the last tare{assumed}"
     return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
 
 
@@ -248,10 +255,10 @@ def _drift_under_a_load(pricing: Pricing) -> Effect:
     name, rate_mm = "drift in a minute", pricing.readings.drift_mm_per_min
     if rate_mm == 0:
         return Effect(name, 0.0, "out", "the scene states that zeros do not drift")
-    remark = "" if pricing.scene.environment.drift_um_per_min is not None else ", as the scene states none"
+    assumed = "" if pricing.scene.environment.drift_um_per_min is not None else " (assumed)"
     reason = (
-        f"zeros drift by {digits(1000 * rate_mm, 3)} um a minute together{remark}, each by itself by {OWN:g} times "
-        "that; the daemon follows at each rest, and the intervals of a contact widen with its length"
+        f"zeros drift by {digits(1000 * rate_mm, 3)} um a minute together{assumed}, each by itself by {OWN:g} times "
+        "that; each rest corrects them, and intervals widen while a contact lasts"
     )
     return Effect(name, pricing.in_noise(np.array([OWN * rate_mm])), "floor", reason)
 
@@ -259,7 +266,7 @@ def _drift_under_a_load(pricing: Pricing) -> Effect:
 def _mounting_tolerance(pricing: Pricing) -> Effect:
     tolerance_mm = pricing.scene.sensors.mounting_tolerance_mm
     if tolerance_mm == 0:
-        return Effect("mounting tolerance", 0.0, "out", "the scene states none")
+        return Effect("mounting tolerance", 0.0, "out", "the scene states no tolerance")
     places = on_axis(pricing.sensor_mm), on_axis(pricing.load_mm)
     moved = pricing.influence.deviation(*places, tolerance_mm)[..., : pricing.influence.extent.axes]
     price = pricing.in_noise(pricing.influence.force_n[1] * moved)
@@ -271,14 +278,14 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
 def _sensor_curve(pricing: Pricing) -> Effect:
     low, high = pricing.scene.sensors.range_mm
     return Effect(
-        "sensor curve", None, "not stated", f"assumed linear over {low:g}..{high:g} mm; calibrate corrects it"
+        "sensor curve", None, "not stated", f"taken as linear over {low:g}..{high:g} mm; `calibrate` measures it"
     )
 
 
 def _adc_steps(pricing: Pricing) -> Effect:
     scene = pricing.scene
     if scene.sensors.adc_bits is None:
-        return Effect("ADC steps", None, "not stated", "give sensors.adc_bits")
+        return Effect("ADC steps", None, "not stated", "state sensors.adc_bits")
     # Standard deviations, like the noise that they are compared to. The rounding errors of readings are independent
     # only as far as noise moves the readings over the steps.
     step, stays_mm = pricing.readings.step_mm, pricing.readings.rounding_mm
@@ -297,11 +304,11 @@ def _expansion(pricing: Pricing) -> Effect:
         return Effect(name, 0.0, "out", "the beam can lengthen: at most one support holds it lengthwise")
     restrained = held(scene.beam)
     if restrained is None:
-        return Effect(name, None, "not stated", "give beam.material or expansion_um_per_m_k, and thickness_mm")
+        return Effect(name, None, "not stated", "state beam.material or expansion_um_per_m_k, and thickness_mm")
     buckles = f"it buckles {digits(restrained.buckles_k, 3)} K above its mounting"
     where = f"held at {holding[0]:g} and {holding[-1]:g} mm, {buckles}"
     if range_k is None:
-        return Effect(name, None, "not stated", f"give environment.temperature_range_k; {where}")
+        return Effect(name, None, "not stated", f"state environment.temperature_range_k; {where}")
     if range_k[1] >= restrained.buckles_k:
         raise SceneError(
             f"environment.temperature_range_k: {range_k[1]:g} K above its mounting the beam buckles, as it is held at "
@@ -324,15 +331,15 @@ def _sensor_drift(pricing: Pricing) -> Effect:
     """Price the drift of the sensors with the temperature beside the other drift of their zeros."""
     name, sensors, range_k = "sensor drift", pricing.scene.sensors, pricing.scene.environment.temperature_range_k
     if range_k is None:
-        return Effect(name, None, "not stated", "give environment.temperature_range_k and sensors.drift_um_per_k")
+        return Effect(name, None, "not stated", "state environment.temperature_range_k and sensors.drift_um_per_k")
     if sensors.drift_um_per_k is None:
-        return Effect(name, None, "not stated", "give sensors.drift_um_per_k")
+        return Effect(name, None, "not stated", "state sensors.drift_um_per_k")
     drift_mm, zero_mm = pricing.readings.warmth_mm, pricing.readings.zero_mm
     span_k = range_k[1] - range_k[0]
     beside = f"{digits(drift_mm / zero_mm, 2)} times" if zero_mm else "beside no"
     reason = (
         f"up to {digits(sensors.drift_um_per_k * span_k, 3)} um after a tare at the other end of {span_k:g} K, "
-        f"{digits(1000 * drift_mm, 3)} um as a standard deviation, {beside} zero drift; it never averages away"
+        f"{digits(1000 * drift_mm, 3)} um as a standard deviation, {beside} zero drift"
     )
     return Effect(name, pricing.in_noise(np.array([drift_mm])), "floor", reason)
 

@@ -22,7 +22,7 @@ from beamtouch_models.design.scene import Scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import number, numbers
 
-ASSUMED = " (assumed; with a tenth of it, all times are ten times as long: measure it, and state beam.damping_ratio)"
+ASSUMED = " (assumed; with a tenth of it, it rings ten times as long: measure it, and state beam.damping_ratio)"
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,10 +95,10 @@ def describe_ringing(found: Ringing) -> list[str]:
         f"the beam rings at {digits(found.frequency_hz, 3)} Hz, with the largest force lying on it as a weight at "
         f"{digits(found.laden_frequency_hz, 3)} Hz; damping {digits(100 * found.damping_ratio, 2)} % of "
         f"critical{assumed}",
-        f"after a touch it rings for {digits(found.after_touch_s, 2)} s, after a lift for "
+        f"after a touch it rings for up to {digits(found.after_touch_s, 2)} s, after a lift for up to "
         f"{digits(found.after_lift_s, 2)} s, until the ringing is under the noise of a reading",
-        "the filter follows the swings once the readings show them; until then the interval of an answer is as wide as "
-        "they scatter; `build` says how large its error is, and when",
+        "meanwhile answers come all the same: the filter follows the swings once the readings show them, and until "
+        "then intervals are as wide as they scatter; `build` says how large the error is, and when",
         *map(_told_of, found.aliased),
         *_told_of_rates(found),
     ]

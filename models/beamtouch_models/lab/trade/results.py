@@ -9,18 +9,18 @@ from typing import Any
 from beamtouch_common.digits import digits
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.charts import Chart, Series, Style, draw_row, standalone
-from beamtouch_models.design.printing import Block, Table
+from beamtouch_models.design.printing import Block, Table, Words
 from beamtouch_models.lab.trade.measure import AnswerAtTime, MeasuredModel, Varied
 from beamtouch_models.lab.trade.trade import Point, Trade, transfer_ms
 from beamtouch_models.names import ESTIMATORS
+from beamtouch_models.numbers import with_error
 
 CHANGES: tuple[Varied, ...] = ("sensors", "noise", "latency")
 """Changes whose worth is told in a sentence each."""
 MODEL_HEADINGS = (
-    "changed", "sensors", "estimator", "noise, µm", "readings", "error, mm", "limit, mm", "over limit",
-    "inference, µs", "kB",
+    "changed", "sensors", "estimator", "noise, µm", "readings", "error, mm", "over limit", "inference, µs",
 )  # fmt: skip
-MOMENT_HEADINGS = ("since touch, ms", "readings", "while the beam rings, mm", "without ringing, mm", "limit, mm")
+MOMENT_HEADINGS = ("since touch, ms", "readings", "sudden touch, mm", "gentle touch, mm", "limit, mm")
 POINT_HEADINGS = ("sensors", "estimator", "readings", "known after, ms", "error, mm")
 MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while the beam rings", "the scene as stated"
 ERROR = "mean |position error|, mm"
@@ -41,15 +41,26 @@ def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
     )
     text = ("estimator",)
     return [
-        "\n".join(f"- {sentence}" for sentence in sentences(trade)),
+        Words("\n".join(f"- {sentence}" for sentence in sentences(trade))),
         Table(MODEL_HEADINGS, [_model_row(trade, measured) for measured in trade.models], "models", text),
-        "error: of a mean of so many readings at rest; limit: of the best possible estimator, on the same contacts",
+        Words(
+            "error: mean position error of a mean of so many readings at rest; over limit: over that of the best "
+            "possible estimator, on the same contacts; ±: standard errors; inference: time that a program takes for "
+            "an answer"
+        ),
         Table(MOMENT_HEADINGS, [_answer_row(moment) for moment in trade.since_touch], "since a touch"),
+        Words(
+            "Mean position error; a sudden touch makes the beam ring, a gentle one does not; limit: of the best "
+            "possible estimator, after a gentle touch"
+        ),
         Table(POINT_HEADINGS, [_point_row(point) for point in trade.front], "the front", text),
-        f"{len(trade.front)} of {len(trade.points)} points, those that no other one beats in error, time or number of "
-        "sensors.\nErrors that differ by less than their standard error are equal, and times that differ by less than "
-        "a reading period.\nA contact is known after its readings, the transfer of one at 1 Mbaud, and an inference.",
-        "The commands that build these models:",
+        Words(
+            f"{len(trade.front)} of {len(trade.points)} points, those that no other one beats in error, time or number "
+            "of sensors. Errors that differ by less than their standard error are equal, and times that differ by less "
+            "than a reading period. A contact is known after its readings, the transfer of one at 1 Mbaud, and an "
+            "inference."
+        ),
+        "To build them:",
         [(command,) for command in commands],
     ]
 
@@ -135,10 +146,8 @@ def _model_row(trade: Trade, model: MeasuredModel) -> tuple[str, ...]:
         digits(1e3 * model.reading_mm, 3),
         str(model.filter.window),
         _mm(model.reached.error_mm),
-        _mm(model.reached.limit_mm),
         _ratio(model.reached.ratio),
-        f"{digits(time.value, 3)} ± {digits(time.standard_error, 1)}",
-        digits(len(model.graph) / 1e3, 3),
+        with_error(time.value, time.standard_error, "±"),
     )
 
 
@@ -195,11 +204,11 @@ def _model_fields(trade: Trade, model: MeasuredModel) -> dict[str, Any]:
 
 
 def _mm(error: Measurement) -> str:
-    return f"{digits(error.value, 3)} ± {digits(error.standard_error, 1)}"
+    return with_error(error.value, error.standard_error, "±")
 
 
 def _ratio(ratio: Measurement) -> str:
-    return f"{ratio.value:.3f} ± {digits(ratio.standard_error, 1)}"
+    return with_error(ratio.value, ratio.standard_error, "±")
 
 
 def picture(name: str, trade: Trade) -> str:

@@ -205,15 +205,15 @@ def _thickness_in_words(px: Scale) -> str:
 def _supports_in_words(beam: Beam) -> str:
     """Return where and how a beam is held, in the words of an engineer."""
     return "Supports: " + (
-        "; ".join(f"{_in_words(support)} at {support.at_mm:g} mm" for support in beam.support_list) or "none"
+        "; ".join(f"at {support.at_mm:g} mm a {_in_words(support)}" for support in beam.support_list) or "none"
     )
 
 
 def _in_words(support: Support) -> str:
     if support.kind == "fixed":
-        return "clamped" if support.holds_lengthwise else "clamped, can slide"
+        return "clamp" if support.holds_lengthwise else "clamp that can slide"
     turns = "can turn against a spring" if support.fixity else "can turn"
-    return f"pinned: {turns}, not slide" if support.holds_lengthwise else f"roller: {turns} and slide"
+    return f"pin that {turns}, not slide" if support.holds_lengthwise else f"roller that {turns} and slide"
 
 
 def _support(support: Support, x: float, top: float, *, at_start: bool) -> str:

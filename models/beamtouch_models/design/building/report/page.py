@@ -3,15 +3,17 @@
 Beyond what the build measured, it shows the error along the beam, components, and other layouts.
 """
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.resources import files
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup, escape
 
 from beamtouch_common.digits import digits
-from beamtouch_models.arrays import Floats
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.evaluation import estimates
 from beamtouch_models.design.accuracy.limit import compare_limits, simulated
 from beamtouch_models.design.accuracy.prior import Prior
@@ -19,18 +21,20 @@ from beamtouch_models.design.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.design.building.build import Built
 from beamtouch_models.design.building.remarks import weak_spot
 from beamtouch_models.design.building.report.beam_drawing import beam_drawing
+from beamtouch_models.design.building.report.parts import parts_of, places_of
+from beamtouch_models.design.building.report.questions import can, cannot, questions
 from beamtouch_models.design.charts import STYLE, Chart, Series, draw
 from beamtouch_models.design.placement.eigenvalue_product import principal_components
 from beamtouch_models.design.placement.layout_rules import equal_pitch_mm
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, place, place_by_position_error, score_layout
-from beamtouch_models.design.pricing.prices import NEGLIGIBLE
+from beamtouch_models.design.pricing.prices import NEGLIGIBLE, VERDICTS
 from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.errors import SceneError
-from beamtouch_models.numbers import three_digits
+from beamtouch_models.numbers import rounded, with_error
 from beamtouch_models.places import on_axis, positions_of
-from beamtouch_models.runtime.description import answers, nothing_seen, per_day, unseen
+from beamtouch_models.runtime.description import SOUGHT, extremes, nothing_seen, per_day, unseen
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
 
 PROFILE_DRAWS, LAYOUT_DRAWS, LEAST_DRAWS = 8_192, 4_096, 256
@@ -41,20 +45,36 @@ SEED_SHIFT = 5
 
 
 @dataclass(frozen=True)
+class Part:
+    """Error and interval of position in a part of the range of contacts."""
+
+    name: str
+    error_mm: Measurement
+    """Mean |error| of the model."""
+    held: Measurement | None
+    """Share of contacts inside their interval; None if the model gives no interval."""
+    interval_mm: Measurement | None
+    """Mean length of the interval."""
+
+
+@dataclass(frozen=True)
 class Profile:
-    """Error and interval of position along the beam, one value per stretch of equal length."""
+    """Error and interval of position along the beam."""
 
     position_mm: Floats
-    """(stretches,) middles."""
+    """(stretches,) middles of stretches of equal length."""
     model_mm: Floats
-    """Mean |error| of the model."""
+    """(stretches,) mean |error| of the model."""
     limit_mm: Floats
-    """Mean |error| of the posterior median."""
-    held_in: tuple[Measurement, ...] | None
-    """Share of contacts inside their interval over the whole range, in the first stretch and in the last; None if the
-    model gives no interval."""
-    width_mm: Floats | None
-    """Mean width of the interval."""
+    """(stretches,) mean |error| of the posterior median."""
+    whole: Part
+    middle: Part
+    """The middle third of the range."""
+    first: Part
+    """The first stretch, at the left end of the range."""
+    last: Part
+    force_n: Measurement | None
+    """Mean |error| of force; None if the model states none."""
 
 
 @dataclass(frozen=True)
@@ -101,16 +121,29 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
         total = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
         return total / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
 
-    held_in = width_mm = None
+    error_mm, inside, length_mm = contacts.error_mm(answers["position_mm"]), None, None
     if "position_low_mm" in answers:
         low, high = answers["position_low_mm"], answers["position_high_mm"]
-        inside = contacts.held(low, high)
-        width_mm = means(np.broadcast_to((high - low)[:, None], inside.shape))
-        ends = (np.True_, stretch == 0, stretch == PROFILE_BINS - 1)
-        held_in = tuple(mean_of(inside.astype(np.float64), weight * end) for end in ends)
-    model_mm = means(contacts.error_mm(answers["position_mm"]))
-    limit_mm = means(contacts.least_error_mm())
-    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held_in, width_mm)
+        inside = contacts.held(low, high).astype(np.float64)
+        length_mm = np.broadcast_to((high - low).astype(np.float64)[:, None], inside.shape)
+
+    def part(name: str, stretches: Bools | np.bool_) -> Part:
+        means_of = [None if values is None else mean_of(values, weight * stretches) for values in (inside, length_mm)]
+        return Part(name, mean_of(error_mm, weight * stretches), *means_of)
+
+    third = PROFILE_BINS // 3
+    return Profile(
+        (edges[1:] + edges[:-1]) / 2,
+        means(error_mm),
+        means(contacts.least_error_mm()),
+        part("whole range", np.True_),
+        part("middle third", (third <= stretch) & (stretch < 2 * third)),
+        part(f"left end, to {edges[1]:.0f} mm", stretch == 0),
+        part(f"right end, from {edges[-2]:.0f} mm", stretch == PROFILE_BINS - 1),
+        None
+        if "force_n" not in answers
+        else mean_of(np.abs(answers["force_n"] - contacts.drawn.force_n), contacts.drawn.weight),
+    )
 
 
 def _layouts(built: Built) -> tuple[OtherLayout, ...]:
@@ -158,13 +191,13 @@ def page(facts: Facts) -> str:
     """Return the page as text; the template escapes all text but the style sheet and the drawings."""
     here = files(__package__)
     environment = Environment(autoescape=True, undefined=StrictUndefined)
-    environment.filters |= {"digits": digits, "three_digits": three_digits}
+    environment.filters |= {"digits": digits, "code": _marked}
+    environment.globals |= {"with_error": with_error, "rounded": rounded}
     template = environment.from_string(here.joinpath("page.html").read_text(encoding="utf-8"))
     surface, placement = facts.built.layout.surface, facts.built.layout.placement
     ringing = surface.ringing
-    width_mm = facts.profile.width_mm
-    third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
-    drawing, caption = beam_drawing(facts.scene, facts.model.metadata)
+    metadata, profile = facts.model.metadata, facts.profile
+    drawing, caption = beam_drawing(facts.scene, metadata)
     components = principal_components(surface.influence.matrix(placement.place_mm))
     middle_force_n = sum(facts.scene.contact.force_range_n) / 2
     charts: dict[str, str] = {}
@@ -175,6 +208,19 @@ def page(facts: Facts) -> str:
         aim=facts.built.layout.aim,
         placement=placement,
         effects=surface.effects,
+        verdicts=VERDICTS,
+        places=places_of(facts.scene, metadata),
+        parts=parts_of(surface, metadata),
+        can=can(metadata, profile.force_n),
+        cannot=cannot(metadata),
+        questions=questions(
+            surface,
+            metadata,
+            (profile.first.error_mm.value, profile.last.error_mm.value),
+            profile.middle.error_mm.value,
+        ),
+        sought=SOUGHT,
+        smallest_n=extremes(metadata.smallest_force.force_n),
         components=components,
         middle_force_n=middle_force_n,
         css=here.joinpath("style.css").read_text(encoding="utf-8") + STYLE,
@@ -182,14 +228,18 @@ def page(facts: Facts) -> str:
         drawn=caption,
         charts=charts,
         marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
-        widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
-        answers=answers(facts.model.metadata),
         rings=[] if ringing is None else describe_ringing(ringing),
-        missed=unseen(facts.model.metadata),
-        weak=weak_spot(facts.model.metadata),
-        touch=per_day(facts.model.metadata.thresholds.false_contacts_per_day),
+        missed=unseen(metadata),
+        weak=weak_spot(metadata),
+        touch=per_day(metadata.thresholds.false_contacts_per_day),
     )
+
+
+def _marked(text: str) -> Markup:
+    """Return text for a terminal as HTML, with what stands in backticks as code."""
+    typeset = re.sub(r"(?<=\d )um\b", "µm", text).replace("+-", "±")
+    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(typeset))))  # noqa: S704  it is escaped
 
 
 def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]:

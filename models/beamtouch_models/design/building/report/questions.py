@@ -1,0 +1,220 @@
+"""What a customer asks before signing, with the answers of the model in short sentences; `code` is in backticks."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_models.design.accuracy.statistics import Measurement
+from beamtouch_models.design.pricing.walk import walk_of
+from beamtouch_models.design.surface import Surface
+from beamtouch_models.numbers import rounded
+from beamtouch_models.runtime.decision.evidence import CHECKED
+from beamtouch_models.runtime.description import nothing_seen, per_day, unseen
+from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, Metadata
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question and its answer."""
+
+    asked: str
+    answer: str
+
+
+@dataclass(frozen=True)
+class Overload:
+    """The smallest forces, wherever they press, at which something happens to a sensor."""
+
+    leaves_range_n: float
+    """A sensor leaves its linear range."""
+    touches_n: float
+    """The beam touches a sensor; infinite if it moves away from all."""
+
+
+def overload_of(metadata: Metadata) -> Overload:
+    """Return the forces beyond which sensors leave their range and the beam touches one; deflections are linear."""
+    influence, sensor = np.array(metadata.influence.mm_per_n), metadata.sensor
+    near, far = max(float(influence.max()), 0.0), max(float(-influence.min()), 0.0)
+    room_mm = sensor.standoff_mm - sensor.range_mm[0], sensor.range_mm[1] - sensor.standoff_mm
+    leaves_n = [room / moved for room, moved in zip(room_mm, (near, far), strict=True) if moved]
+    return Overload(min(leaves_n, default=np.inf), sensor.standoff_mm / near if near else np.inf)
+
+
+def _states_force(metadata: Metadata) -> bool:
+    return set(FORCE_OUTPUTS) <= set(metadata.golden.answers)
+
+
+def can(metadata: Metadata, force_error_n: Measurement | None) -> list[str]:
+    """Return what the surface does, beside finding places; `force_error_n` is the mean |error| of force."""
+    accuracy, (weak, strong), count = metadata.accuracy, metadata.ranges.force_n, len(metadata.layout)
+    first, usual = accuracy.since_touch[0], metadata.filter.window
+    settled = next((one for one in accuracy.since_touch if one.readings >= usual), first)
+    told = [f"It answers {digits(first.since_ms, 3)} ms after a touch"]
+    if metadata.filter.kind == "growing-mean":
+        told[0] += ", and the answer sharpens while the load rests"
+    if settled is not first:
+        told[0] += f"; after {digits(settled.since_ms, 3)} ms at rest it is as good as stated"
+    if force_error_n is not None:
+        off_n = rounded(force_error_n.value, force_error_n.standard_error)
+        told.append(f"It states the force, too: off by {off_n} N on average, over {weak:g} to {strong:g} N")
+    spare = count - metadata.min_channels
+    if spare:
+        told.append(f"It goes on with {spare} of {count} sensors failed, less accurately")
+    often = per_day(metadata.thresholds.false_contacts_per_day)
+    told.append(f"While nothing touches, it states a contact that is not there: {often}, on average")
+    return [f"{sentence}." for sentence in told]
+
+
+def cannot(metadata: Metadata) -> list[str]:
+    """Return what the surface does not do."""
+    missed, nothing = unseen(metadata), nothing_seen(metadata)
+    told = [text[:1].upper() + text[1:] for text in (missed or nothing,) if text]
+    if metadata.min_channels == len(metadata.layout):
+        told.append("It does not go on when a sensor fails: every one of them must work")
+    told.append("It finds one contact. It gives no place for two at once, and not the shape of a load that is spread")
+    told.append("It is no safety device: do not let it stop a machine that could hurt someone")
+    return [f"{sentence}." for sentence in told]
+
+
+def questions(surface: Surface, metadata: Metadata, ends_mm: Sequence[float], middle_mm: float) -> list[Question]:
+    """Return the questions with their answers.
+
+    `ends_mm` are the mean errors in the first and the last stretch of the beam, `middle_mm` that in its middle third.
+    """
+    asked = [
+        ("What if the force is larger?", _larger(metadata)),
+        ("What happens at the ends?", _ends(metadata, ends_mm, middle_mm)),
+        ("What happens while the beam rings?", _ringing(surface)),
+        ("What if it warms?", _warmth(surface, metadata)),
+        ("What if two things touch it, or something long lies on it?", _several(metadata)),
+        ("What if a sensor fails, or is knocked?", _failing(metadata)),
+        ("What does a false contact mean?", _false(metadata)),
+        ("Who calibrates it, and when?", _calibration(metadata)),
+        ("Does the beam bear it?", _stress(surface, metadata)),
+        ("How sure are these figures?", _figures(metadata)),
+    ]
+    return [Question(question, " ".join(answer)) for question, answer in asked]
+
+
+def _larger(metadata: Metadata) -> Iterator[str]:
+    strong, over = metadata.ranges.force_n[1], overload_of(metadata)
+    if _states_force(metadata):
+        yield f"Clearly beyond {strong:g} N, answers carry the note `overload`: do not act on them, take the load off."
+    else:
+        yield f"Beyond {strong:g} N no note says so, as this model states no force (`requirements.descriptors`)."
+    if np.isfinite(over.leaves_range_n):
+        yield (
+            f"At {digits(over.leaves_range_n, 2)} N at the worst place, a sensor leaves its linear range, and takes no "
+            "part in the answer."
+        )
+    if np.isfinite(over.touches_n):
+        yield f"At {digits(over.touches_n, 2)} N, the beam touches a sensor: give it a stop before that."
+
+
+def _ends(metadata: Metadata, ends_mm: Sequence[float], middle_mm: float) -> Iterator[str]:
+    low, high = metadata.ranges.position_mm
+    first, last = (digits(mm, 2) for mm in ends_mm)
+    yield (
+        f"The mean error is {digits(middle_mm, 2)} mm in the middle third, {first} mm at the left end of the range and "
+        f"{last} mm at the right one."
+    )
+    yield f"Outside {low:g} to {high:g} mm its answers mean nothing."
+
+
+def _ringing(surface: Surface) -> Iterator[str]:
+    found = surface.ringing
+    if found is None:
+        yield "Nobody knows: the scene does not state the mass of the beam."
+        return
+    assumed = ", if its damping is as assumed" if found.damping_is_assumed else ""
+    yield (
+        f"After a sudden touch it rings for up to {digits(found.after_touch_s, 2)} s, after a lift for up to "
+        f"{digits(found.after_lift_s, 2)} s{assumed}."
+    )
+    yield "Answers come all the same, with the note `unsteady` and an interval that is as wide as it must be."
+    yield "A shaking frame looks like ringing: mount the supports on something that stands still."
+
+
+def _warmth(surface: Surface, metadata: Metadata) -> Iterator[str]:
+    walk = walk_of(metadata, surface.readings)
+    if walk is None:
+        yield "It is taken not to matter: the zeros of the sensors do not drift."
+    else:
+        yield (
+            f"Zeros that drift by {digits(1e3 * walk.rate_mm_per_min, 2)} µm a minute are followed whenever nothing "
+            f"touches the beam, until they are {digits(1e3 * walk.max_mm, 2)} µm from the last tare; then the note "
+            "`zeros` asks for another."
+        )
+        yield "While a contact lasts, its interval widens."
+    expansion = next((effect for effect in surface.effects if effect.name == "expansion"), None)
+    if expansion is not None and expansion.verdict != "out":
+        yield f"The beam cannot lengthen freely: {expansion.reason}."
+    yield "Keep heat from one side away: a beam that is warmer above than below bows."
+
+
+def _several(metadata: Metadata) -> Iterator[str]:
+    yield (
+        "What is noticed gives the state `unexplained` and no place: two contacts far apart more often than two close "
+        "together, which look like one between them. A load that is spread mostly looks like a contact in its middle."
+    )
+    if len(metadata.layout) < CHECKED:
+        yield f"With {len(metadata.layout)} sensors nothing notices it: each contact carries the note `unchecked`."
+    else:
+        yield "`design-sensors challenge` measures how often this surface notices what."
+
+
+def _failing(metadata: Metadata) -> Iterator[str]:
+    few, count = metadata.min_channels, len(metadata.layout)
+    if few < count:
+        yield f"Answers go on while {few} of {count} sensors work, marked `degraded`; the table above has their errors."
+        yield "With fewer, there is no answer; never an old one."
+    else:
+        yield "Every sensor must work: without one there is no answer, and never an old one."
+    if count > CHECKED:
+        yield "A sensor that contradicts the others makes contacts `unexplained`, and is named."
+    elif count == CHECKED:
+        yield "A sensor that contradicts the others makes contacts `unexplained`; which one it is, three do not show."
+    else:
+        yield "A sensor that is knocked shows when nothing touches the beam: look at it, and tare."
+
+
+def _false(metadata: Metadata) -> Iterator[str]:
+    often = per_day(metadata.thresholds.false_contacts_per_day)
+    yield f"While nothing touches the beam, the noise of the sensors alone looks like a touch: {often}, on average."
+    yield "A hand, a tool or a cable that touches it counts as a contact, and rightly so."
+    yield "`requirements.false_contacts_per_day` asks for fewer; the smallest force that is seen is larger then."
+
+
+def _calibration(metadata: Metadata) -> Iterator[str]:
+    gain, zero_mm = max(metadata.floor.gain), max(metadata.floor.zero_mm)
+    yield (
+        "You do, once it is mounted: tare it, and put about ten known weights at known places "
+        "(`design-sensors calibrate`)."
+    )
+    yield (
+        f"The figures hold if that leaves gains to ± {digits(100 * gain, 2)} % and zeros to ± "
+        f"{digits(1e3 * zero_mm, 2)} µm, as standard deviations."
+    )
+    yield "Calibrate again after a sensor, a support or the beam has been changed; tare after a knock."
+
+
+def _stress(surface: Surface, metadata: Metadata) -> Iterator[str]:
+    strong, fall_mm = metadata.ranges.force_n[1], surface.travel.largest_mm
+    yield (
+        f"That is yours to check: stress, fatigue and fastening are not computed. Under {strong:g} N it bends by up to "
+        f"{digits(fall_mm, 3)} mm and slopes by up to {digits(surface.travel.slope, 2)} rad."
+    )
+
+
+def _figures(metadata: Metadata) -> Iterator[str]:
+    yield (
+        "They are simulated, for a beam, sensors and loads exactly as stated here, with every place and force of the "
+        "ranges equally likely. Nothing was measured on your beam. ± is a standard error of the simulation."
+    )
+    yield (
+        f"To accept it, press at known places when it lies still: the mean error must be about "
+        f"{digits(metadata.accuracy.error_percent / 100 * metadata.length_mm, 2)} mm, and 95 of 100 places must lie in "
+        "their intervals."
+    )
