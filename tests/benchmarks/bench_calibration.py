@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benc
 from shipped import build
 
 from beamtouch_models.design.calibration.calibrate import checked_fit
-from beamtouch_models.design.calibration.choice import has_one_scale
+from beamtouch_models.design.calibration.choice import has_one_scale, shares_of_scale
 from beamtouch_models.design.calibration.fit import Fit
 from beamtouch_models.design.calibration.nominal_surface import GAIN, RIGIDITY
 from beamtouch_models.design.calibration.recordings import Loads, RecordingError
@@ -112,8 +112,9 @@ def holding(model: ModelFile, found: Fit, real: Imperfections) -> dict[str, list
     truth = nominal.vector_of(real.departures(len(metadata.layout)))
     if has_one_scale(found):
         gain, rigidity = nominal.kinds["gain"], nominal.kinds["rigidity"]
-        truth[rigidity] -= GAIN / RIGIDITY * truth[gain].mean()
-        truth[gain] -= truth[gain].mean()
+        common = shares_of_scale(found.vector[gain]) @ truth[gain]
+        truth[rigidity] -= GAIN / RIGIDITY * common
+        truth[gain] -= common
     inside = np.abs(found.vector[: nominal.size] - truth) <= SIDES * found.spread[: nominal.size]
     places_mm, force_n = np.linspace(*metadata.ranges.position_mm, PLACES), np.full(PLACES, metadata.ranges.force_n[1])
     shown_mm = nominal.curve(found.vector).measured_mm(on_axis(places_mm), force_n)

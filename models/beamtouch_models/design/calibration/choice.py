@@ -64,8 +64,19 @@ def has_one_scale(found: Fit) -> bool:
     return bool(np.linalg.norm(differs) <= ALIKE * np.linalg.norm(of_rigidity))
 
 
+def shares_of_scale(gain: Floats) -> Floats:
+    """Return the weights (channels,) with which gains make the scale: their median.
+
+    Where one sensor is off and the others are not, the median leaves it alone.
+    """
+    channels, shares = len(gain), np.zeros(len(gain))
+    middle = np.argsort(gain)[(channels - 1) // 2 : channels // 2 + 1]
+    shares[middle] = 1 / len(middle)
+    return shares
+
+
 def _with_scale_in_rigidity(found: Fit) -> Fit:
-    """Return a fit whose rigidity holds what all gains have in common, if loads do not tell them apart.
+    """Return a fit whose rigidity holds what the gains have in common, if loads do not tell them apart.
 
     A rigidity that is off is more plausible than gains that are all off alike: by `RIGIDITY` to `GAIN` over the root of
     their number. The deflections stay the same.
@@ -74,7 +85,7 @@ def _with_scale_in_rigidity(found: Fit) -> Fit:
         return found
     kinds = found.session.kinds
     gain, rigidity = kinds["gain"], kinds["rigidity"].start
-    fold, channels = np.eye(found.session.size), gain.stop - gain.start
-    fold[gain, gain] -= 1 / channels
-    fold[rigidity, gain] = -GAIN / RIGIDITY / channels
+    fold, shares = np.eye(found.session.size), shares_of_scale(found.vector[gain])
+    fold[gain, gain] -= shares
+    fold[rigidity, gain] = -GAIN / RIGIDITY * shares
     return replace(found, vector=fold @ found.vector, covariance=fold @ found.covariance @ fold.T)
