@@ -22,9 +22,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benc
 from shipped import build
 
 from beamtouch_models.design.calibration.calibrate import checked_fit
+from beamtouch_models.design.calibration.choice import has_one_scale, shares_of_scale
 from beamtouch_models.design.calibration.fit import Fit
 from beamtouch_models.design.calibration.nominal_surface import GAIN, RIGIDITY
 from beamtouch_models.design.calibration.recordings import Loads, RecordingError
+from beamtouch_models.design.calibration.session import SHIFT, WEIGHT
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile
@@ -90,7 +92,8 @@ def doubted(name: str, wrong: str, runs: int) -> dict[str, object]:
         except NotGoodEnoughError:
             counts["refused"] += 1
         else:
-            counts["accepted"] += 1
+            named_here = {"hanger": (WEIGHT,), "shift": (SHIFT,)}.get(wrong, ())
+            counts["misnamed" if set(checked.sure) - set(named_here) else "named" if checked.sure else "accepted"] += 1
             for kind, values in holding(model, checked.fit, real).items():
                 held[kind] += values
     wanted = "accepted" if wrong in {"none", "drift"} else "named"
@@ -102,13 +105,16 @@ def doubted(name: str, wrong: str, runs: int) -> dict[str, object]:
 def holding(model: ModelFile, found: Fit, real: Imperfections) -> dict[str, list[bool]]:
     """Return whether the stated 95 % intervals of gains, positions and forces hold the truth.
 
-    Forces are those of contacts at known places over the range, by all channels alike. Gains are over the rigidity, if
-    the fit says that loads show the product only.
+    Forces are those of contacts at known places over the range, by all channels alike. Gains are beside what all have
+    in common, if loads show its product with the rigidity only.
     """
     nominal, metadata = found.nominal, model.metadata
     truth = nominal.vector_of(real.departures(len(metadata.layout)))
-    if not found.spread[nominal.kinds["rigidity"]].any():
-        truth[nominal.kinds["gain"]] -= RIGIDITY / GAIN * truth[nominal.kinds["rigidity"]]
+    if has_one_scale(found):
+        gain, rigidity = nominal.kinds["gain"], nominal.kinds["rigidity"]
+        common = shares_of_scale(found.vector[gain]) @ truth[gain]
+        truth[rigidity] -= GAIN / RIGIDITY * common
+        truth[gain] -= common
     inside = np.abs(found.vector[: nominal.size] - truth) <= SIDES * found.spread[: nominal.size]
     places_mm, force_n = np.linspace(*metadata.ranges.position_mm, PLACES), np.full(PLACES, metadata.ranges.force_n[1])
     shown_mm = nominal.curve(found.vector).measured_mm(on_axis(places_mm), force_n)

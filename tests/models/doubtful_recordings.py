@@ -11,15 +11,16 @@ from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.metadata import Metadata
 from support.surfaces.real_surfaces import SESSION_MIN, recorded, true_prior, with_mistake
 
-HANGER, BEND, MISTYPED = 0.1, 0.15, "40 mm"
-"""Weight of the hanger over the mean force, bend of a curved sensor at its largest deflection, and a mistyped place."""
-WRONG = ("none", "curved sensor", "drift", "hanger", "mistyped load")
+HANGER, SHIFT, BEND, MISTYPED = 0.1, 0.02, 0.15, "40 mm"
+"""Weight of the hanger over the mean force, shift of all loads over the length, bend of a curved sensor at its largest
+deflection, and a mistyped place."""
+WRONG = ("none", "curved sensor", "drift", "hanger", "shift", "mistyped load")
 
 
 def doubtful(
     metadata: Metadata, real: Imperfections, wrong: str, rng: np.random.Generator, hand_mm: float = 0.3
 ) -> tuple[Loads, str]:
-    """Return ten loads of two forces with something wrong, and how the words that name it begin; empty if none must."""
+    """Return ten loads of two forces with something wrong, and how the words that refuse it begin; empty if none do."""
     plain = recorded(metadata, real, rng)
     low, high = metadata.ranges.position_mm
     count = len(plain.number)
@@ -28,9 +29,11 @@ def doubtful(
     pressed_n = stated_n * (1 + 0.01 * hand_mm * rng.normal(size=count))
     if wrong == "hanger":
         pressed_n = pressed_n + HANGER * stated_n.mean()
+    if wrong == "shift":
+        at_mm = np.clip(at_mm + SHIFT * metadata.length_mm, low, high)
     prior = true_prior(metadata, real)
     measured_mm = prior.measured(pressed_n[:, None] * prior.influence_at(on_axis(at_mm)))
-    named = {"hanger": "each load seems to press with"}.get(wrong, "")
+    named = ""
     if wrong == "curved sensor":
         channel = int(rng.integers(measured_mm.shape[1]))
         measured_mm[:, channel] = bent_mm(measured_mm[:, channel], BEND * rng.choice([-1, 1]))

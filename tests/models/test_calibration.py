@@ -173,7 +173,7 @@ def test_the_command_prints_the_departures(
     table = design_sensors_here("calibrate", bench_model, recording, "-o", output)
     lines = dict(line.split(maxsplit=1) for line in table.stdout.splitlines())
     assert list(lines) == [
-        *("model", "loads", "rigidity", "gain", "position", "curve", "offset", "fixity", "before", "after", "limit"),
+        *("model", "loads", "scale", "gain", "position", "curve", "offset", "fixity", "before", "after", "limit"),
     ]
     assert lines["model"] == found["model"]
     assert [float(number) for number in re.findall(r"s\d (\S+) \+-", lines["gain"])] == pytest.approx(

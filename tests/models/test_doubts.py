@@ -1,6 +1,7 @@
 """Calibration that doubts itself: a channel that does not fit, a forgotten weight, drift, and cables swapped since."""
 
 import dataclasses
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -9,18 +10,23 @@ import numpy as np
 import pytest
 
 from beamtouch_models import runtime
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.calibrate import CheckedFit, calibrate, checked_fit
+from beamtouch_models.design.calibration.doubts import common_in_words
 from beamtouch_models.design.calibration.recordings import Loads, RecordingError, read_loads
+from beamtouch_models.design.calibration.session import SHIFT
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.sweeps import silent
-from beamtouch_models.lab.rig.surface import Imperfections
+from beamtouch_models.lab.rig.surface import PERFECT, Imperfections
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import ModelFile
 from models.calibration_files import write_readings
 from models.doubtful_recordings import bent_mm, doubtful
 from support.programs.in_process import Command
 from support.surfaces.deflections import deflections_of
 from support.surfaces.example_scenes import ROUGH
-from support.surfaces.real_surfaces import random_imperfections, recorded
+from support.surfaces.real_surfaces import deflections_on, random_imperfections, recorded, true_prior
 
 pytestmark = pytest.mark.long
 
@@ -61,17 +67,146 @@ def test_a_curved_sensor_that_is_described_as_straight_is_named_with_what_to_do(
     assert shown / true == pytest.approx(1.15, abs=0.04)
 
 
-@pytest.mark.promise("docs/how-to/calibrate.md", "a hanger or a tray that was not weighed")
-def test_a_hanger_that_nobody_weighed_is_named_with_its_weight(
-    design_sensors_here: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path
+SOFT = Imperfections(rigidity=0.95, gain=(1.02, 1.0, 0.98))
+"""A cantilever that deflects 5.26 % more per newton than its scene says."""
+WEIGHTS_N = np.array([0.8, 1.6, 3.2])[[0, 1, 2, 2, 0, 1, 1, 2, 0, 1]]
+"""Three weights in turn."""
+
+
+def written_for(run: Command, model: Path, loads: Path) -> tuple[dict[str, str], str]:
+    """Calibrate; returns the rows that are printed, and what is remarked."""
+    done = run("calibrate", model, loads, "-o", loads.with_suffix(".onnx"))
+    assert done.returncode == 0, done.stderr
+    return dict(line.split(maxsplit=1) for line in done.stdout.splitlines()), done.stderr
+
+
+@pytest.mark.promise("docs/how-to/calibrate.md", "Every load presses harder than stated, by a hanger or a pan")
+def test_a_hanger_that_nobody_weighed_is_named_with_its_weight_and_the_model_does_without_it(
+    design_sensors_roughly: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path
 ) -> None:
-    measured_mm = deflections_of(cantilever, PLACES_MM, FORCES_N + 0.4)
-    path = write_readings(tmp_path / "loads.csv", cantilever, measured_mm, PLACES_MM, FORCES_N)
-    line = refusal(design_sensors_here, tmp_path, built_model("cantilever"), path)
-    weight = re.search(r"each load seems to press with (\S+) \+- (\S+) N more than it states", line)
-    assert weight is not None
-    assert float(weight[1]) == pytest.approx(0.4, abs=3 * float(weight[2]))
-    assert "add its weight to force_n of each load" in line
+    measured_mm = deflections_on(cantilever.metadata, SOFT, PLACES_MM, WEIGHTS_N + 0.3)
+    path = write_readings(tmp_path / "loads.csv", cantilever, measured_mm, PLACES_MM, WEIGHTS_N)
+    rows, _ = written_for(design_sensors_roughly, built_model("cantilever"), path)
+    told = re.match(
+        r"each load presses with (\S+) \+- (\S+) N more than stated, as with a hanger or a pan", rows["forces"]
+    )
+    assert told is not None
+    assert float(told[1]) == pytest.approx(0.3, abs=3 * float(told[2]))
+    assert float(told[2]) < 0.05
+    assert "places" not in rows
+    # The weight is not in the model.
+    found = prior_of_model(runtime.load(path.with_suffix(".onnx")).metadata).influence_at(on_axis(PLACES_MM[2:]))
+    assert found == pytest.approx(true_prior(cantilever.metadata, SOFT).influence_at(on_axis(PLACES_MM[2:])), rel=0.03)
+
+
+def test_forces_that_count_a_pan_which_was_tared_are_named_as_too_large(
+    design_sensors_roughly: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path
+) -> None:
+    measured_mm = deflections_on(cantilever.metadata, SOFT, PLACES_MM, WEIGHTS_N)
+    path = write_readings(tmp_path / "loads.csv", cantilever, measured_mm, PLACES_MM, WEIGHTS_N + 0.3)
+    done = design_sensors_roughly("calibrate", built_model("cantilever"), path, "-o", tmp_path / "out.onnx", "--json")
+    found = json.loads(done.stdout)
+    added = found["added_force_n"]
+    assert added["is_sure"]
+    assert added["value"] == pytest.approx(-0.3, abs=3 * added["standard_error"])
+    assert found["scale"]["value"] == pytest.approx(0.0526, abs=3 * found["scale"]["standard_error"])
+    assert found["shift_mm"] is None
+    checked = checked_fit(cantilever, loads_of(cantilever, measured_mm, WEIGHTS_N + 0.3), silent)
+    assert re.match(r"each load presses with \S+ \+- \S+ N less than stated, as if the pan", told_of(checked)["forces"])
+
+
+@pytest.mark.promise("docs/how-to/calibrate.md", "Positions that do not count from the left end of the beam")
+def test_loads_that_all_stand_farther_right_than_stated_are_named_with_the_distance(cantilever: ModelFile) -> None:
+    measured_mm = deflections_on(cantilever.metadata, SOFT, PLACES_MM, WEIGHTS_N)
+    checked = checked_fit(cantilever, loads_of(cantilever, measured_mm, WEIGHTS_N, PLACES_MM - 4.0), silent)
+    assert checked.sure == (SHIFT,)
+    told = re.match(r"each load stands (\S+) \+- (\S+) mm farther right than stated", told_of(checked)["places"])
+    assert told is not None
+    assert float(told[1]) == pytest.approx(4.0, abs=3 * float(told[2]))
+    assert checked.fit.errors.placing_mm < 0.5
+    errors_mm = checked.fit.nominal.standard_errors(checked.fit.vector, checked.fit.spread)["position"]
+    assert (np.abs(checked.fit.departures.position_offset_mm) < 3 * errors_mm).all()
+
+
+@pytest.mark.promise("docs/how-to/calibrate.md", "A load that is wrong is still named beside it")
+def test_a_mistyped_load_is_named_beside_a_hanger(cantilever: ModelFile) -> None:
+    measured_mm = deflections_on(cantilever.metadata, SOFT, PLACES_MM, WEIGHTS_N + 0.9)
+    is_sixth = np.arange(10) == 5
+    for places_mm, forces_n in (
+        (PLACES_MM + 40 * is_sixth, WEIGHTS_N),
+        (PLACES_MM, WEIGHTS_N * (1 + is_sixth)),
+    ):
+        with pytest.raises(RecordingError, match=r"^load 6 \(lines 1002 to 1201\) says"):
+            checked_fit(cantilever, loads_of(cantilever, measured_mm, forces_n, places_mm), silent)
+
+
+@pytest.mark.promise(
+    "docs/how-to/calibrate.md",
+    "A beam that is softer by a percent and gains that are all larger by a percent look the same under known loads",
+)
+def test_what_scales_all_deflections_is_said_once_and_no_gain_holds_it(
+    design_sensors_roughly: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path
+) -> None:
+    measured_mm = deflections_on(cantilever.metadata, SOFT, PLACES_MM, WEIGHTS_N)
+    path = write_readings(tmp_path / "loads.csv", cantilever, measured_mm, PLACES_MM, WEIGHTS_N)
+    rows, remark = written_for(design_sensors_roughly, built_model("cantilever"), path)
+    told = re.match(
+        r"deflects (\S+) \+- (\S+) % more per newton than the scene says: rigidity, all gains", rows["scale"]
+    )
+    assert told is not None
+    assert float(told[1]) == pytest.approx(5.26, abs=3 * float(told[2]))
+    assert float(told[2]) < 2.5
+    assert "measure one beside a sensor with a dial gauge" in remark
+    assert not {"rigidity", "forces", "places"} & set(rows)
+    gains = np.array(re.findall(r"s\d (\S+) \+- (\S+?),? ", f"{rows['gain']} ")).astype(np.float64)
+    assert (np.abs(gains[:, 0] - [2.0, 0.0, -2.0]) < 3 * gains[:, 1]).all()
+    assert np.median(gains[:, 0]) == pytest.approx(0.0, abs=0.006)
+
+
+def test_the_gain_of_a_single_sensor_that_is_off_stays_its_own(cantilever: ModelFile) -> None:
+    single = Imperfections(gain=(1.0, 1.08, 1.0))
+    measured_mm = deflections_on(cantilever.metadata, single, PLACES_MM, WEIGHTS_N)
+    fit = checked_fit(cantilever, loads_of(cantilever, measured_mm, WEIGHTS_N), silent, mounting_mm=0.1).fit
+    assert fit.departures.gain == pytest.approx(single.gain, abs=0.01)
+    assert fit.departures.rigidity == pytest.approx(1.0, abs=0.01)
+
+
+def test_gains_that_are_all_larger_alike_give_the_model_of_a_softer_beam(cantilever: ModelFile) -> None:
+    alike = Imperfections(gain=tuple(np.array(SOFT.gain) / 0.95))
+    fits = [
+        checked_fit(cantilever, loads_of(cantilever, measured_mm, WEIGHTS_N), silent).fit
+        for measured_mm in (deflections_on(cantilever.metadata, real, PLACES_MM, WEIGHTS_N) for real in (SOFT, alike))
+    ]
+    influences = [fit.nominal.prior_with(fit.departures).influence_at(on_axis(PLACES_MM)) for fit in fits]
+    assert influences[0] == pytest.approx(influences[1], rel=1e-6)
+    assert influences[0] == pytest.approx(
+        true_prior(cantilever.metadata, alike).influence_at(on_axis(PLACES_MM)), rel=0.02
+    )
+
+
+@pytest.mark.promise("docs/how-to/calibrate.md", "with equal weights, a hanger that nobody weighed would pass for")
+def test_equal_weights_are_remarked_where_a_hanger_may_hide_in_the_scale(
+    design_sensors_roughly: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path
+) -> None:
+    equal_n = np.full(10, 2.25)
+    for added_n, is_said in ((0.3, True), (0.0, False)):
+        measured_mm = deflections_of(cantilever, PLACES_MM, equal_n + added_n)
+        path = write_readings(tmp_path / f"{is_said}.csv", cantilever, measured_mm, PLACES_MM, equal_n)
+        rows, remark = written_for(design_sensors_roughly, built_model("cantilever"), path)
+        assert ("a weight that was forgotten would pass for a softer beam" in remark) == is_said
+        assert "forces" not in rows
+
+
+def loads_of(model: ModelFile, measured_mm: Floats, stated_n: Floats, stated_mm: Floats = PLACES_MM) -> Loads:
+    """Return loads with deflections (loads, channels) as a recording has them."""
+    rng = np.random.default_rng(5)
+    plain = recorded(model.metadata, PERFECT, rng)
+    noisy_mm = measured_mm + plain.deviation_mm * rng.normal(size=measured_mm.shape)
+    return dataclasses.replace(plain, position_mm=stated_mm, force_n=stated_n, measured_mm=noisy_mm)
+
+
+def told_of(checked: CheckedFit) -> dict[str, str]:
+    return common_in_words(checked.fit, checked.sure)
 
 
 def found_in(model: ModelFile, wrong: str, seed: int) -> tuple[CheckedFit, Imperfections]:

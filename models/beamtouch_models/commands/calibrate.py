@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,10 +15,12 @@ from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_models.arrays import Floats
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.design.building.replaced import require_model
-from beamtouch_models.design.calibration.calibrate import Calibrated, calibrate
+from beamtouch_models.design.calibration.calibrate import Calibrated, CheckedFit, calibrate
+from beamtouch_models.design.calibration.choice import has_one_scale
+from beamtouch_models.design.calibration.doubts import common_in_words
 from beamtouch_models.design.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.design.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
-from beamtouch_models.design.calibration.session import DRIFTING
+from beamtouch_models.design.calibration.session import DRIFTING, SHIFT, WEIGHT
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.printing import Result
 from beamtouch_models.runtime import loading
@@ -30,12 +32,18 @@ from beamtouch_models.runtime.metadata import Departures, Metadata
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
 
-IN_GAINS = "as in the scene; what it differs is in the gains, as known loads show the product only"
 ALIKE_FORCES = 0.2
 """Range of the forces, over their mean, below which they are the same."""
 SAME_FORCE = (
-    "all loads have about the same force, so a weight that was forgotten would pass for gains; record some loads "
-    "with another force, such as half of it"
+    "all loads have about the same force, so a weight that was forgotten would pass for a softer beam; record some "
+    "loads with another force, such as half of it"
+)
+SCALED = 2.0
+"""Standard errors from which a scale of all deflections is more than chance."""
+TELL_APART = (
+    "To see what scales all deflections, measure one beside a sensor with a dial gauge, under a load. If the sensor "
+    "shows another, the gains are off; if it shows the same, weigh the load: if that is right, too, it is the "
+    "rigidity. The model answers the same in each case, in newtons of the weights that were recorded."
 )
 
 
@@ -45,7 +53,7 @@ def run(options: argparse.Namespace) -> Result:
     require_writable([options.output], [options.readings, options.events])
     require_model(options.output)
     fit_to = _calibrate_with_loads if options.events is None else _calibrate_with_contacts
-    calibrated, fields, rows = fit_to(model, options)
+    calibrated, fields, rows, remark = fit_to(model, options)
     write_atomically(options.output, calibrated.content)
     identity, metadata = loading.load(options.output).identity, calibrated.metadata
     shown = {
@@ -55,11 +63,11 @@ def run(options: argparse.Namespace) -> Result:
         **fields,
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
     }
-    return Result(shown, [[("model", identity), *rows]])
+    return Result(shown, [[("model", identity), *rows]], remark)
 
 
-Told = tuple[Calibrated | SelfCalibrated, dict[str, Any], list[tuple[str, str]]]
-"""What was calibrated, with fields for programs, and rows for people."""
+Told = tuple[Calibrated | SelfCalibrated, dict[str, Any], list[tuple[str, str]], str]
+"""What was calibrated, with fields for programs, and rows and a remark for people."""
 
 
 def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told:
@@ -76,11 +84,17 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
     errors = fit.nominal.standard_errors(fit.vector, fit.spread)
     words = _departures_in_words(calibrated.metadata, fit.departures, errors)
     drift, drift_errors = fit.session.rates_um_per_min(fit.vector), fit.session.rates_um_per_min(fit.spread)
-    if np.ptp(loads.force_n) < ALIKE_FORCES * loads.force_n.mean():
+    scale = _scale(calibrated)
+    is_scaled = scale is not None and abs(scale[0]) > SCALED * scale[1]
+    # A weight that was forgotten would show as a scale.
+    if (scale is None or is_scaled) and np.ptp(loads.force_n) < ALIKE_FORCES * loads.force_n.mean():
         print(SAME_FORCE, file=sys.stderr)
     placing_mm, force_percent = fit.errors.placing_mm, 100 * fit.errors.force
     fields = {
         "standard_errors": {kind: values.tolist() for kind, values in errors.items()},
+        "scale": None if scale is None else {"value": scale[0], "standard_error": scale[1]},
+        "added_force_n": _common(calibrated, WEIGHT, fit.session.weight_n),
+        "shift_mm": _common(calibrated, SHIFT, fit.session.shift_mm),
         "error_before_mm": {"mean": float(before.mean()), "worst": float(before.max())},
         "error_after_mm": {"mean": float(after.mean()), "worst": float(after.max())},
         "limit_mm": limit_mm,
@@ -93,8 +107,9 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
     mean, worst = digits(after.mean(), 3), digits(after.max(), 3)
     rows = [
         ("loads", f"{len(before)}, {placed}"),
+        *common_in_words(fit, calibrated.sure).items(),
         *(
-            ("rigidity", IN_GAINS) if kind == "rigidity" and not errors[kind].any() else (kind, text)
+            ("scale", _scale_in_words(*scale)) if kind == "rigidity" and scale is not None else (kind, text)
             for kind, text in words.items()
         ),
         *(
@@ -106,7 +121,33 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
         ("after", f"{mean} mm mean, {worst} mm worst, each by a fit without the load"),
         ("limit", f"{digits(limit_mm, 3)} mm mean error of single samples of these loads, at best"),
     ]
-    return calibrated, fields, rows
+    return calibrated, fields, rows, TELL_APART if is_scaled else ""
+
+
+def _scale(checked: CheckedFit) -> tuple[float, float] | None:
+    """Return by how much more the beam deflects per newton than the scene says, relatively, and its standard error.
+
+    None if loads tell the rigidity from the gains.
+    """
+    fit = checked.fit
+    if not has_one_scale(fit):
+        return None
+    softer = 1 / fit.departures.rigidity
+    return softer - 1, softer**2 * float(fit.nominal.standard_errors(fit.vector, fit.spread)["rigidity"][0])
+
+
+def _scale_in_words(value: float, error: float) -> str:
+    percent = f"{digits(100 * abs(value), 3)} +- {digits(100 * error, 2)} % {'less' if value < 0 else 'more'}"
+    what = "rigidity, all gains or all forces, which loads do not tell apart; the gains are beside it"
+    return f"deflects {percent} per newton than the scene says: {what}"
+
+
+def _common(checked: CheckedFit, kind: str, size_of: Callable[[Floats], float]) -> dict[str, float | bool] | None:
+    """Return the size of a mistake that all loads share, and whether it surely is there; None if it does not show."""
+    fit = checked.fit
+    if kind not in fit.kinds:
+        return None
+    return {"value": size_of(fit.vector), "standard_error": size_of(fit.spread), "is_sure": kind in checked.sure}
 
 
 def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> Told:
@@ -153,7 +194,7 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
         *([("force", f"its scale stays open by {digits(100 * force, 2)} %")] if force else []),
         ("floor", f"gains +- {before} before, +- {after} now"),
     ]
-    return calibrated, fields, rows
+    return calibrated, fields, rows, ""
 
 
 def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[str, Floats]) -> dict[str, str]:

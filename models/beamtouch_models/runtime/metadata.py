@@ -252,7 +252,7 @@ class Departures(MetadataPart):
     fixity: Pair = (0.0, 0.0)
     """Fixity of the leftmost and the rightmost support."""
     rigidity: PositiveFloat = 1.0
-    """Factor on E I."""
+    """Factor on E I. Where known loads show only its product with all gains, it holds what the gains have in common."""
 
     @classmethod
     def none(cls, channels: int) -> "Departures":

@@ -14,7 +14,7 @@ from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.building.measure import measure
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.choice import averaged_fit
-from beamtouch_models.design.calibration.doubts import doubts
+from beamtouch_models.design.calibration.doubts import common_in_words, doubts
 from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import MistakenLoad, mistaken
 from beamtouch_models.design.calibration.nominal_surface import POSITION_MM, NominalSurface
@@ -57,6 +57,8 @@ class CheckedFit:
     """(loads,) position error of the given model."""
     after_mm: Floats
     """(loads,) position error of a fit without the load."""
+    sure: tuple[str, ...]
+    """Kinds of mistakes that all loads share and that surely are there; the fit may have others, perhaps."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def calibrate(
     )
     content, fresh = rebuilt(metadata, prior, calibration, progress, effort)
     best_mm = limit_mm(prior, loads, metadata.seed)
-    return Calibrated(checked.fit, before_mm, after_mm, content, fresh, best_mm)
+    return Calibrated(checked.fit, before_mm, after_mm, checked.sure, content, fresh, best_mm)
 
 
 def left_open(metadata: Metadata, fit: Fit) -> tuple[Floats, Floats, float]:
@@ -140,14 +142,14 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm:
     swap = swapped(nominal, loads, names)
     if swap:
         raise RecordingError(swap)
-    doubt, possible = doubts(nominal, loads, names)
-    if doubt:
-        raise RecordingError(doubt)
+    doubt = doubts(nominal, loads, names)
+    if doubt.refusal:
+        raise RecordingError(doubt.refusal)
     mistaken_loads = mistaken(nominal, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
     if mistaken_loads:
         raise RecordingError(_contradiction(loads, mistaken_loads))
     progress("fitting", 0.4)
-    fitted = averaged_fit(fit(nominal, loads, (*Session(nominal, loads).usual_kinds, *possible)))
+    fitted = averaged_fit(fit(nominal, loads, (*Session(nominal, loads).usual_kinds, *doubt.kinds)))
     expected_mm = nominal.curve(np.zeros(nominal.size)).measured_mm(loads.place_mm, loads.force_n)
     expected_mm = expected_mm[np.isfinite(loads.measured_mm)]
     if not np.abs(expected_mm).max() > MOVED * nominal.prior.errors.noise_mm:
@@ -174,8 +176,10 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm:
     if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
         raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
     if np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best):
-        raise NotGoodEnoughError(_worse(loads, before, after))
-    return CheckedFit(fitted, before, after)
+        raise NotGoodEnoughError(
+            "; ".join([_worse(loads, before, after), *common_in_words(fitted, doubt.sure).values()])
+        )
+    return CheckedFit(fitted, before, after, doubt.sure)
 
 
 def _errors_mm(prior: Prior, departures: Departures, loads: Loads) -> Floats:

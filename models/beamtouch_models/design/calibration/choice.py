@@ -31,7 +31,7 @@ def averaged_fit(full: Fit) -> Fit:
     best = fit(full.nominal, session.loads, kinds, full.vector, sizes=mean_sizes)
     apart = means - weights @ means
     covariance = np.einsum("k,kvw->vw", weights, covariances) + np.einsum("k,kv,kw->vw", weights, apart, apart)
-    return _with_scale_in_gains(replace(best, covariance=covariance))
+    return _with_scale_in_rigidity(replace(best, covariance=covariance))
 
 
 def _combinations(full: Fit) -> tuple[Floats, Floats, Floats, Floats]:
@@ -56,15 +56,36 @@ def _combinations(full: Fit) -> tuple[Floats, Floats, Floats, Floats]:
     return sizes, means, covariances, weights / weights.sum()
 
 
-def _with_scale_in_gains(found: Fit) -> Fit:
-    """Return a fit whose gains hold the rigidity, if that only scales all deflections: then loads show the product."""
-    session, kinds = found.session, found.session.kinds
-    gain, rigidity = kinds["gain"], kinds["rigidity"].start
-    slopes = session.slopes(found.vector, ("rigidity", "gain"))
-    factor = RIGIDITY / GAIN
-    differs = slopes[..., rigidity] + factor * slopes[..., gain].sum(axis=-1)
-    if np.linalg.norm(differs) > ALIKE * np.linalg.norm(slopes[..., rigidity]):
+def has_one_scale(found: Fit) -> bool:
+    """Return whether rigidity scales all deflections as all gains together do: then loads show the product only."""
+    kinds, slopes = found.session.kinds, found.session.slopes(found.vector, ("rigidity", "gain"))
+    of_rigidity = slopes[..., kinds["rigidity"]].sum(axis=-1)
+    differs = of_rigidity + RIGIDITY / GAIN * slopes[..., kinds["gain"]].sum(axis=-1)
+    return bool(np.linalg.norm(differs) <= ALIKE * np.linalg.norm(of_rigidity))
+
+
+def shares_of_scale(gain: Floats) -> Floats:
+    """Return the weights (channels,) with which gains make the scale: their median.
+
+    Where one sensor is off and the others are not, the median leaves it alone.
+    """
+    channels, shares = len(gain), np.zeros(len(gain))
+    middle = np.argsort(gain)[(channels - 1) // 2 : channels // 2 + 1]
+    shares[middle] = 1 / len(middle)
+    return shares
+
+
+def _with_scale_in_rigidity(found: Fit) -> Fit:
+    """Return a fit whose rigidity holds what the gains have in common, if loads do not tell them apart.
+
+    A rigidity that is off is more plausible than gains that are all off alike: by `RIGIDITY` to `GAIN` over the root of
+    their number. The deflections stay the same.
+    """
+    if not has_one_scale(found):
         return found
-    fold = np.eye(session.size)
-    fold[gain, rigidity], fold[rigidity, rigidity] = -factor, 0.0
+    kinds = found.session.kinds
+    gain, rigidity = kinds["gain"], kinds["rigidity"].start
+    fold, shares = np.eye(found.session.size), shares_of_scale(found.vector[gain])
+    fold[gain, gain] -= shares
+    fold[rigidity, gain] = -GAIN / RIGIDITY * shares
     return replace(found, vector=fold @ found.vector, covariance=fold @ found.covariance @ fold.T)

@@ -1,8 +1,11 @@
-"""The search for what a recording itself may hide: a forgotten weight, and a channel whose characteristic is wrong.
+"""The search for what a recording itself may hide.
 
-Each is fitted beside all departures of the surface, and is named if the recording is much more probable with it, also
-than with any single load that is mistyped.
+A weight or a shift that all loads have beyond what is stated, and a channel whose characteristic is wrong: each is
+fitted beside all departures of the surface, and is named if the recording is much more probable with it, also than with
+any single load that is mistyped.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,25 +14,37 @@ from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import AGREED
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
-from beamtouch_models.design.calibration.session import WEIGHT, Session, bend_of
+from beamtouch_models.design.calibration.session import COMMON, SHIFT, WEIGHT, Session, bend_of
 
 SURELY, PERHAPS = 5.0, 1.0
 """Gain of the logarithm of the probability from which something is named, and from which it is fitted beside all else,
 so that the errors of the fit hold it."""
+MORE_FORCE, LESS_FORCE, MOVED = (
+    "as with a hanger or a pan that was not weighed",
+    "as if the pan had lain on the beam at the tare, or the zero of the scale were off",
+    "as if position_mm were not measured from the left end of the beam",
+)
 HARMLESS_BEND, HARMLESS_NOISES = 0.03, 2.0
 """Largest own bend that does no harm: relative to the largest deflection of the channel, and in noises of a sample."""
-HARMLESS_WEIGHT = 0.02
-"""Largest forgotten weight, over the mean force, that does no harm; forces are stated to about half as much."""
 
 
-def doubts(nominal: NominalSurface, loads: Loads, names: list[str]) -> tuple[str, tuple[str, ...]]:
-    """Say what the loads hide: a channel that does not fit, or a forgotten weight; empty if neither shows.
+@dataclass(frozen=True)
+class Doubts:
+    """What a recording hides."""
 
-    Returns its words, and the kinds of what shows and does no harm: these are to be fitted, too.
-    """
+    refusal: str = ""
+    """Names a channel that does not fit; empty if none shows."""
+    kinds: tuple[str, ...] = ()
+    """Kinds that show beside the departures of the surface and are to be fitted, too."""
+    sure: tuple[str, ...] = ()
+    """Those of them that surely are there."""
+
+
+def doubts(nominal: NominalSurface, loads: Loads, names: list[str]) -> Doubts:
+    """Find what the loads hide: a weight or a shift of all of them, or a channel that does not fit."""
     kinds = Session(nominal, loads).usual_kinds
     plain = fit(nominal, loads, kinds)
-    suspects = [WEIGHT, *(bend_of(channel) for channel in range(len(names)))]
+    suspects = [*COMMON, *(bend_of(channel) for channel in range(len(names)))]
     best, hidden, gains = plain, list[str](), list[float]()
     while len(hidden) < len(suspects):
         trials = [
@@ -43,10 +58,11 @@ def doubts(nominal: NominalSurface, loads: Loads, names: list[str]) -> tuple[str
             break
         best, hidden, gains = trial, [*hidden, trial.kinds[-1]], [*gains, gain]
     if not hidden or best.scatter > AGREED or best.log_evidence < _with_a_mistyped_load(nominal, loads, kinds):
-        return "", ()
-    told = [in_words(best, kind, names) for kind, gain in zip(hidden, gains, strict=True) if gain >= SURELY]
+        return Doubts()
+    sure = tuple(kind for kind, gain in zip(hidden, gains, strict=True) if gain >= SURELY)
+    told = [_bend_in_words(best, kind, names) for kind in sure if kind not in COMMON]
     told = [text for text in told if text]
-    return ("; ".join(told) + "; nothing was written", ()) if told else ("", tuple(hidden))
+    return Doubts("; ".join([*told, "nothing was written"]) if told else "", tuple(hidden), sure)
 
 
 def _with_a_mistyped_load(nominal: NominalSurface, loads: Loads, kinds: tuple[str, ...]) -> float:
@@ -57,24 +73,30 @@ def _with_a_mistyped_load(nominal: NominalSurface, loads: Loads, kinds: tuple[st
     return float((np.array(log_evidences) - anything * measured).max())
 
 
-def in_words(found: Fit, kind: str, names: list[str]) -> str:
-    """Return what is hidden and what to do about it; empty if it does no harm."""
+def common_in_words(found: Fit, sure: tuple[str, ...]) -> dict[str, str]:
+    """Return what all loads have beyond what is stated, by what it is of: "forces" and "places"; empty if nothing."""
+    told = {}
+    for kind, of, size_of, unit in (
+        (WEIGHT, "forces", found.session.weight_n, "N"),
+        (SHIFT, "places", found.session.shift_mm, "mm"),
+    ):
+        if kind not in found.kinds:
+            continue
+        value = size_of(found.vector)
+        size = f"{digits(abs(value), 3)} +- {digits(size_of(found.spread), 2)} {unit}"
+        if kind == WEIGHT:
+            what = f"each load presses with {size} more than stated, {MORE_FORCE}"
+            if value < 0:
+                what = f"each load presses with {size} less than stated, {LESS_FORCE}"
+        else:
+            what = f"each load stands {size} farther {'right' if value > 0 else 'left'} than stated, {MOVED}"
+        told[of] = f"{'' if kind in sure else 'perhaps '}{what}; the fit allows for it"
+    return told
+
+
+def _bend_in_words(found: Fit, kind: str, names: list[str]) -> str:
+    """Return which channel does not fit and what to do about it; empty if it does no harm."""
     session, loads = found.session, found.session.loads
-    place = session.kinds[kind]
-    if kind == WEIGHT:
-        weight_n = session.weight_n(found.vector)
-        error_n = session.weight_unit_n * float(found.spread[place][0])
-        if abs(weight_n) < HARMLESS_WEIGHT * loads.force_n.mean():
-            return ""
-        if weight_n < 0:
-            return (
-                f"each load seems to press with {digits(-weight_n, 2)} +- {digits(error_n, 1)} N less than it states; "
-                "check the scale, its zero and force_n of all loads"
-            )
-        return (
-            f"each load seems to press with {digits(weight_n, 2)} +- {digits(error_n, 1)} N more than it states, as "
-            "with a hanger or a tray that was not weighed; add its weight to force_n of each load"
-        )
     channel = int(kind.removeprefix("bend "))
     bends_mm = session.bends_mm(found.vector)[:, channel]
     worst = int(np.nanargmax(np.abs(bends_mm)))

@@ -16,7 +16,7 @@ from scipy.stats import f as f_distribution
 from beamtouch_models.design.calibration.fit import ROUNDS, Fit, fit
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
-from beamtouch_models.design.calibration.session import Session
+from beamtouch_models.design.calibration.session import COMMON, Session
 from beamtouch_models.design.sweeps import Fraction, silent
 
 CHANCE = 1e-4
@@ -88,8 +88,8 @@ def _rank(
 
 
 def _fit_without(nominal: NominalSurface, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> Fit:
-    # Start from the scene, not from a fit that included the load.
-    return fit(nominal, loads.without(*left_out), Session(nominal, loads).usual_kinds, rounds=rounds)
+    # Start from the scene, not from a fit that included the load. What all loads share makes none of them wrong.
+    return fit(nominal, loads.without(*left_out), (*Session(nominal, loads).usual_kinds, *COMMON), rounds=rounds)
 
 
 def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:

@@ -1,9 +1,10 @@
 """A recording of known loads, with all that may explain it: the surface, and what the recording itself adds.
 
 Zeros drift while loads are recorded, so each load counts from another zero; the times of the loads show it. A weight
-that nobody stated, such as a hanger, makes each load heavier by the same force. A channel whose characteristic is
-wrong, as when a curved sensor is described as straight, bends its deflections as no other channel does. All three are
-fitted beside the departures of the surface. Drift is usual; the other two are mistakes, which are named.
+that nobody stated, such as a hanger, makes each load heavier by the same force. Positions that are not measured from
+the left end of the beam shift each load by the same distance. A channel whose characteristic is wrong, as when a curved
+sensor is described as straight, bends its deflections as no other channel does. All are fitted beside the departures of
+the surface. Drift is usual; the others are mistakes, which are named.
 """
 
 from collections.abc import Mapping
@@ -17,9 +18,13 @@ from beamtouch_models.design.calibration.nominal_surface import GRID, MAX_DEPART
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.runtime.health.residuals import Residuals
 
-DRIFTING, WEIGHT = "drift", "weight"
+DRIFTING, WEIGHT, SHIFT = "drift", "weight", "shift"
+COMMON = (WEIGHT, SHIFT)
+"""Kinds of mistakes that all loads share: their size is fitted, and a model is calibrated without it."""
 WEIGHT_SHARE = 0.1
-"""Standard deviation of a plausible weight that nobody stated, over the mean force of the loads."""
+"""Standard deviation of a plausible weight that nobody stated, over the middle of the scene's forces."""
+SHIFT_SHARE = 0.02
+"""Standard deviation of a plausible shift of all loads, over the length of the beam."""
 OWN_BEND = 0.2
 """Standard deviation of the relative bend of one channel at full travel, and of its change along the travel."""
 SESSION_MIN = 10.0
@@ -46,7 +51,7 @@ class Session:
         kinds, begin, channels = self.nominal.kinds.copy(), self.nominal.size, self.nominal.prior.channels
         for kind, size in (
             (DRIFTING, channels),
-            (WEIGHT, 1),
+            *((kind, 1) for kind in COMMON),
             *((bend_of(channel), BENDS) for channel in range(channels)),
         ):
             kinds[kind] = slice(begin, begin + size)
@@ -61,7 +66,7 @@ class Session:
     @property
     def size(self) -> int:
         """Length of the vector."""
-        return self.nominal.size + 1 + (1 + BENDS) * self.nominal.prior.channels
+        return self.nominal.size + len(COMMON) + (1 + BENDS) * self.nominal.prior.channels
 
     def places_of(self, kinds: tuple[str, ...]) -> Indices:
         """Return the places of some kinds in the vector."""
@@ -88,8 +93,12 @@ class Session:
 
     def as_of_surface(self, vector: Floats) -> Loads:
         """Return the loads without what the recording itself adds."""
-        measured_mm = self.loads.measured_mm - self.drift_mm(vector) - self.bends_mm(vector)
-        return replace(self.loads, measured_mm=measured_mm, force_n=self.loads.force_n + self.weight_n(vector))
+        return replace(
+            self.loads,
+            measured_mm=self.loads.measured_mm - self.drift_mm(vector) - self.bends_mm(vector),
+            force_n=self.loads.force_n + self.weight_n(vector),
+            position_mm=self.loads.position_mm + self.shift_mm(vector),
+        )
 
     def rates_um_per_min(self, vector: Floats) -> Floats:
         """Return the drift of each channel (channels,)."""
@@ -98,7 +107,11 @@ class Session:
 
     def weight_n(self, vector: Floats) -> float:
         """Return the force that each load has beyond what is stated."""
-        return self.weight_unit_n * float(vector[self.kinds[WEIGHT]][0])
+        return self._weight_unit_n * float(vector[self.kinds[WEIGHT]][0])
+
+    def shift_mm(self, vector: Floats) -> float:
+        """Return how far to the right of what is stated each load stands."""
+        return self._shift_unit_mm * float(vector[self.kinds[SHIFT]][0])
 
     def bends_mm(self, vector: Floats) -> Floats:
         """Return what the own bends of the channels take off their deflections (loads, channels)."""
@@ -120,16 +133,19 @@ class Session:
 
         It is 0 for the entries of other kinds than `kinds`, and without a measurement.
         """
-        loads, of_theory = self.loads, [kind for kind in kinds if kind in self.nominal.kinds]
-        force_n, channels = loads.force_n + self.weight_n(vector), np.arange(self._channels)
+        loads, of_theory = self.as_of_surface(vector), [kind for kind in kinds if kind in self.nominal.kinds]
+        channels = np.arange(self._channels)
         slopes = np.zeros((*loads.measured_mm.shape, self.size))
-        departing = self.nominal.slopes(vector[: self.nominal.size], loads.place_mm, force_n, of_theory)
+        departing = self.nominal.slopes(vector[: self.nominal.size], loads.place_mm, loads.force_n, of_theory)
         slopes[..., : self.nominal.size] = departing
         if DRIFTING in kinds:
             slopes[:, channels, self.kinds[DRIFTING].start + channels] = self._drift_unit_mm[:, None]
-        if WEIGHT in kinds:
-            *_, by_force = self.nominal.curve(vector).moved_mm(loads.place_mm, force_n)
-            slopes[..., self.kinds[WEIGHT].start] = self.weight_unit_n * by_force / force_n[:, None]
+        if WEIGHT in kinds or SHIFT in kinds:
+            by_place, by_force = self.nominal.curve(vector).moved_mm(loads.place_mm, loads.force_n)
+            if WEIGHT in kinds:
+                slopes[..., self.kinds[WEIGHT].start] = self._weight_unit_n * by_force / loads.force_n[:, None]
+            if SHIFT in kinds:
+                slopes[..., self.kinds[SHIFT].start] = self._shift_unit_mm * by_place
         for channel in channels.tolist():
             if bend_of(channel) in kinds:
                 slopes[:, channel, self.kinds[bend_of(channel)]] = self._bend_units_mm[:, :, channel]
@@ -150,9 +166,14 @@ class Session:
         return self._rate_mm_per_min * self.loads.minutes
 
     @property
-    def weight_unit_n(self) -> float:
-        """A plausible weight that nobody stated."""
-        return WEIGHT_SHARE * float(self.loads.force_n.mean())
+    def _weight_unit_n(self) -> float:
+        """A plausible weight that nobody stated. It is the same for some of the loads as for all."""
+        return WEIGHT_SHARE * float(np.mean(self.nominal.prior.force_n))
+
+    @property
+    def _shift_unit_mm(self) -> float:
+        """A plausible shift of all loads."""
+        return SHIFT_SHARE * self.nominal.beam.length_mm
 
     @cached_property
     def _bend_units_mm(self) -> Floats:
