@@ -29,6 +29,7 @@ def test_the_time_of_the_record_passes_as_a_service_runs() -> None:
     # What no clock was trusted for passes all the same, and a clock that lags behind the record holds it up no longer.
     assert after(10.0, stored=RecordTime(1000.0))[0] == RecordTime(1010.0, None)
     assert after(10.0, stored=RecordTime(1000.0, NOW_S + 11))[0] == RecordTime(1010.0, NOW_S + 11)
+    assert after(10.0, stored=RecordTime(1000.0, NOW_S + 10))[0] == RecordTime(1000.0, NOW_S + 10)
 
 
 def test_several_services_count_no_more_than_has_passed() -> None:

@@ -11,7 +11,7 @@ from beamtouch_service.api.errors import pointer
 from beamtouch_service.api.samples import MAX_BODY_BYTES, _peer, decompress
 from beamtouch_service.api.stream import Pace
 from beamtouch_service.problems import Kind, ProblemError
-from service.bench import READ_TOKEN, TOKEN, Bench, batch_of
+from service.bench import READ_TOKEN, TOKEN, Bench, batch_of, surface_with
 
 
 @pytest.mark.parametrize(
@@ -71,6 +71,77 @@ def test_a_step_of_a_commissioning_has_bounds(bench: Bench, query: str, place: s
 def test_a_name_of_a_person_has_bounds(bench: Bench, by: str, is_taken: bool) -> None:
     answer = bench.post(b"", f"/surfaces/press-7/commissioning/confirm?course=c&by={by}")
     assert answer.status_code == (404 if is_taken else 422)
+
+
+LAST = 2**53 - 1
+"""The largest whole number that a double holds, as all below it."""
+SQUARE = 1e8
+"""The square of the largest deviation."""
+ONE: dict[str, object] = {"readings": 4, "deflection_mm": [0.5], "quality": ["good"]}
+"""Members of a sample of one channel."""
+
+
+@pytest.mark.parametrize(
+    ("taken", "refused"),
+    [
+        *[({"sequence": value}, {"sequence": wrong}) for value, wrong in ((1, 0), (LAST, LAST + 1))],
+        *[({"acquired_unix_us": value}, {"acquired_unix_us": wrong}) for value, wrong in ((0, -1), (LAST, LAST + 1))],
+        *[({"readings": value}, {"readings": wrong}) for value, wrong in ((1, 0), (1_000_000, 1_000_001))],
+        *[({"zero_mm": [0.0, 1e4]}, {"zero_mm": wrong}) for wrong in ([0.1], [0.1] * 3, [0.1, 10_001.0], [-0.1, 0.1])],
+        *[(ONE | {"covariance_mm2": [SQUARE]}, ONE | {"covariance_mm2": [wrong]}) for wrong in (-1e-9, 1.0001e8)],
+        (
+            {"deflection_mm": [0.5, None, 0.5], "quality": ["good", "stuck", "good"]},
+            {"deflection_mm": [0.5, None, 0.5]},
+        ),
+        ({"quality": ["good"] * 3}, {"quality": ["good"] * 2}),
+    ],
+)
+def test_a_sample_has_bounds(bench: Bench, taken: dict[str, object], refused: dict[str, object]) -> None:
+    for members, status in ((refused, 422), (taken, 200)):
+        body = batch_of()
+        body["samples"][0] |= members
+        if members.get("deflection_mm") == [0.5]:
+            body["channels"] = ["s1"]
+            bench = Bench(surface_with(None))
+        assert bench.post(body).status_code == status, members
+
+
+@pytest.mark.parametrize(
+    ("taken", "refused"),
+    [
+        *[({"newest_age_ms": value}, {"newest_age_ms": wrong}) for value, wrong in ((0.0, -0.1), (1e12, 1.0001e12))],
+        *[({"sent_us": value}, {"sent_us": wrong}) for value, wrong in ((0, -1), (LAST, LAST + 1))],
+        *[({"oldest": value}, {"oldest": wrong}) for value, wrong in ((1, 0), (LAST, LAST + 1))],
+        *[({"noise_mm": [value] * 3}, {"noise_mm": [wrong] * 3}) for value, wrong in ((1e-9, 0.0), (1e4, 10_001.0))],
+        ({"noise_mm": [0.1] * 3}, {"noise_mm": [0.1] * 2}),
+        ({"earlier": ["boot-0000"] * 64}, {"earlier": ["boot-0000"] * 65}),
+        ({"notes": ["rate", "zeros"]}, {"notes": ["rate", "zeros", "rate"]}),
+        ({"notes": ["rate"]}, {"notes": ["overload"]}),
+        ({"boot_id": "b" * 8}, {"boot_id": "b" * 7}),
+        ({"boot_id": "b" * 64}, {"boot_id": "b" * 65}),
+        ({"characteristic": "c" * 64}, {"characteristic": "c" * 65}),
+        ({"channels": ["s1", "s2", "s3"]}, {"channels": ["s1", "s2", "s2"]}),
+        ({"backlog": True, "newest_age_ms": None}, {"backlog": True, "newest_age_ms": 0.0}),
+        ({"newest_age_ms": 0.0}, {"newest_age_ms": None}),
+        ({"samples": [], "newest_age_ms": None}, {"samples": None}),
+    ],
+)
+def test_a_batch_has_bounds(bench: Bench, taken: dict[str, object], refused: dict[str, object]) -> None:
+    for members, status in ((refused, 422), (taken, 200)):
+        assert bench.post(batch_of() | members).status_code == status, members
+
+
+@pytest.mark.parametrize(("channels", "status"), [(64, 200), (65, 422)])
+def test_a_batch_has_at_most_64_channels(channels: int, status: int) -> None:
+    assert Bench(surface_with(None)).post(batch_of([0.5] * channels)).status_code == status
+
+
+def test_samples_have_increasing_numbers(bench: Bench) -> None:
+    for numbers, status in (((2, 2), 422), ((2, 1), 422), ((1, 2), 200)):
+        body = batch_of([0.5, 0.25, 0.125], [0.5, 0.25, 0.125])
+        for sample, number in zip(body["samples"], numbers, strict=True):
+            sample["sequence"] = number
+        assert bench.post(body).status_code == status, numbers
 
 
 def test_a_body_may_be_as_long_as_the_limit() -> None:

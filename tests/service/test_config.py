@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from beamtouch_service.config import ConfigFile, Settings, load_settings, read_access
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
-from beamtouch_service.sections import EventsSection
+from beamtouch_service.sections import EventsSection, ServerSection, SurfaceSection
 from support.surfaces.wrong_numbers import with_wrong_numbers
 
 EXAMPLE = Path(__file__).parents[2] / "service" / "service.example.toml"
@@ -95,3 +95,46 @@ def test_the_example_is_a_config_and_shows_the_modbus_server_as_it_is_by_default
     (by_default,) = load(tmp_path, f"[modbus_server] # {shown}\n").outputs
     assert by_default == ModbusServerSection()
     assert tuple(by_default.model_dump().values()) == ("127.0.0.1", 502, "big", 32, 60)
+
+
+KEYS = {
+    "server.port": (0, 65535),
+    "server.max_streams": (0, 1000),
+    "events.keep_days": (0.001, 36_500.0),
+    "events.max_mb": (1, 1e6),
+    "surfaces.a.stale_ms": (0.001, 60_000.0),
+    "surfaces.a.unexplained_after_s": (0.001, 86_400.0),
+    "surfaces.a.degraded_after_s": (0.001, 86_400.0),
+}
+"""Key -> the least and the largest value; what must be positive may be as small as one likes."""
+
+
+def with_key(key: str, value: float) -> ConfigFile:
+    *tables, name = key.split(".")
+    content: dict[str, object] = {name: value}
+    for table in reversed(tables):
+        content = {table: content}
+    return ConfigFile.model_validate(content)
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_number_of_the_configuration_has_bounds(key: str) -> None:
+    least, largest = KEYS[key]
+    for value in (least, largest):
+        with_key(key, value)
+    below, above = (0.0, largest * 1.0001) if least == 0.001 else (least - 1, largest + 1)
+    for value in (below, above):
+        with pytest.raises(ValidationError, match=r"(greater|less) than"):
+            with_key(key, value)
+
+
+def test_a_surface_has_defaults() -> None:
+    section = SurfaceSection()
+    assert (section.stale_ms, section.unexplained_after_s, section.degraded_after_s) == (500.0, 10.0, 10.0)
+    assert (section.model, section.zones) == (None, {})
+
+
+def test_a_service_has_at_most_32_names() -> None:
+    assert len(ServerSection(names=["a"] * 32).names) == 32
+    with pytest.raises(ValidationError):
+        ServerSection(names=["a"] * 33)

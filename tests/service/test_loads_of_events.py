@@ -1,11 +1,18 @@
 """An event is an estimate of its load: which samples count in its figures, and its times."""
 
+from math import nextafter
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beamtouch_common.zones import Span
-from beamtouch_service.events.load import Load, Sighting
+from beamtouch_models.runtime import Evidence, State, Weighed
+from beamtouch_service.events.load import Load, Sighting, sighting_of
+from beamtouch_service.samples import Sample
+from beamtouch_service.surfaces.contact import Figures
+from beamtouch_service.surfaces.estimate import Estimate
+from beamtouch_service.surfaces.follower import Decision
 from service.bench import START_US, Bench, Row, batch_of
 from service.event_story import MOVING, RESTING, STILL, TOUCHING, Story, send
 
@@ -185,3 +192,40 @@ def test_a_lift_is_at_the_first_clear_reading(bench: Bench) -> None:
     (event,) = bench.get("/events").json()["events"]
     assert (event["touched_at"], event["lifted_at"]) == ("2026-11-20T23:40:00.200Z", "2026-11-20T23:40:00.665Z")
     assert event["dwell_ms"] == 465.0
+
+
+def decision_of(log_odds: float, readings: int | None, figures: Figures) -> Decision:
+    """Return the decision on a sample of the three of four channels that took part."""
+    sample = Sample.model_validate(
+        {"sequence": 1, "acquired_unix_us": 1_000_000, "deflection_mm": [0.5] * 4, "quality": ["good"] * 4}
+        | {"readings": readings}
+    )
+    weights = np.diag([2.0, 3.0, 0.0, 4.0])
+    evidence = Evidence(np.zeros(4), weights, {"contact_log_odds": log_odds}, 3, 0.0, False, 0.0, weights, True)
+    together = Weighed(np.zeros((1, 4)), np.zeros((1, 4, 4)), np.zeros((1, 4)), np.ones((1, 4), bool))
+    estimate = Estimate(sample, {}, evidence, together, 0, None)
+    return Decision(estimate, State.CONTACT, State.CONTACT, is_certain=True, figures=figures)
+
+
+PLACE = Figures(150.0, 149.0, 151.0)
+TOUCH = [1.0, 2.0, 3.0, 4.0]
+"""Log odds above which a sample of one to four channels shows a contact."""
+
+
+def test_a_sample_shows_a_contact_above_the_threshold_for_its_channels() -> None:
+    for log_odds, is_shown in ((3.0, False), (nextafter(3.0, 4.0), True)):
+        seen = sighting_of(decision_of(log_odds, None, PLACE), TOUCH, 5000.0)
+        assert seen == Sighting(1_000_000, 1_000_000.0, (Span(150.0, 149.0, 151.0),), 29.0, is_shown, False)
+
+
+@pytest.mark.parametrize(("readings", "begin_us"), [(None, 1_000_000.0), (1, 1_000_000.0), (3, 990_000.0)])
+def test_a_sample_begins_with_its_first_reading(readings: int | None, begin_us: float) -> None:
+    seen = sighting_of(
+        decision_of(9.0, readings, PLACE._replace(force_n=5.0, force_low_n=4.0, force_high_n=6.0)), TOUCH, 5000.0
+    )
+    assert seen is not None
+    assert (seen.begin_us, seen.spans[1]) == (begin_us, Span(5.0, 4.0, 6.0))
+
+
+def test_a_sample_without_a_place_sees_nothing() -> None:
+    assert sighting_of(decision_of(9.0, None, Figures()), TOUCH, 5000.0) is None

@@ -10,7 +10,7 @@ import pytest
 from beamtouch_service.api.events import Event
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.api.stream import Pace
-from beamtouch_service.problems import MEDIA_TYPE
+from beamtouch_service.problems import MEDIA_TYPE, Kind
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 from beamtouch_service.surfaces.contact import Contact
 from service.bench import Bench, batch_of, kind, surface_of, surface_with
@@ -142,6 +142,31 @@ def test_a_stream_says_the_state_when_it_changes_and_each_second(bench: Bench) -
     pace = Pace()
     said = [pace.next(surface, bench.now_s + since_s) is not None for since_s in (0.0, 0.1, 0.4, 0.6, 0.7, 1.7)]
     assert said == [True, False, False, True, False, True]  # at 0.6 s the contact is stale
+
+
+STATUSES = {
+    400: "surface-required malformed-json malformed-encoding",
+    401: "unauthorized",
+    403: "forbidden",
+    404: "unknown-surface unknown-event no-commissioning not-found",
+    405: "method-not-allowed",
+    408: "too-slow",
+    409: "other-commissioning",
+    413: "too-large",
+    415: "unknown-encoding",
+    421: "one-of-several other-name",
+    422: "invalid-request missing-channels",
+    500: "internal",
+    503: "no-surface no-model no-samples other-beam stale too-few-channels unusable-estimate channels-out "
+    "changed-channels zeros-moved unexplained not-ready events-away stopping too-many-clients",
+}
+"""What clients and proxies decide by: the table of `docs/reference/problems.md` is made from the code."""
+
+
+def test_each_kind_of_problem_has_its_status() -> None:
+    found = {one.slug: one.status for one in Kind}
+    assert found == {slug: status for status, slugs in STATUSES.items() for slug in slugs.split()}
+    assert {one.type_uri for one in Kind} == {f"urn:beamtouch:problem:{slug}" for slug in found}
 
 
 def accepted(bench: Bench) -> int:

@@ -1,6 +1,6 @@
 """How samples of a contact become stays of its load, and stays its figures, at the bounds between them."""
 
-from typing import TypedDict, Unpack
+from typing import NamedTuple, TypedDict, Unpack
 
 import pytest
 
@@ -57,6 +57,12 @@ def test_samples_whose_intervals_touch_have_a_load_in_common() -> None:
     assert Touched().see(152.0, 150.0).position == (151.0, 149.0, 151.0)
     assert Touched().see(150.0, 152.01).path == [(0.0, 5.0, 150.0), (5.0, 0.0, 152.01)]
     assert len(Touched().see(150.0).see(150.0, force_n=12.01).path) == 2
+
+
+def test_what_all_samples_have_in_common_becomes_narrower_with_each() -> None:
+    """Of the first two, 150 to 151."""
+    assert Touched().see(150.0, 151.0).see(148.0, half=2.0, knows=2.0).position == (150.0, 146.0, 150.0)
+    assert len(Touched().see(150.0, 151.0).see(149.5, half=0.4).path) == 2
 
 
 def test_a_sample_beside_what_all_have_in_common_is_explained_by_the_mean_of_all() -> None:
@@ -141,6 +147,7 @@ def test_ramps_are_no_part_of_the_load_up_to_a_fifth_of_its_time_at_each_end() -
     # Of two that together last longer than that, the outer one.
     assert figures((10, 2.0), (10, 5.0), (80, 8.0)) == [8.0, 8.0, 80.0, 80.0]
     assert figures((10, 2.0), (11, 5.0), (79, 8.0))[2] == 50.0
+    assert figures((4, 2.0), (16, 5.0), (80, 8.0)) == [8.0, 8.0, 80.0, 80.0]
 
 
 def test_a_ramp_is_surely_weaker_than_what_follows() -> None:
@@ -150,8 +157,8 @@ def test_a_ramp_is_surely_weaker_than_what_follows() -> None:
 
 
 def test_without_forces_a_ramp_has_an_interval_of_more_than_twice_the_width() -> None:
-    inner = Stay(0, 1, is_unsteady=False, spans=(span(1.0, 0.5),))
-    assert [inner._replace(spans=(span(1.0, half),)).is_weaker(inner) for half in (1.0, 1.01)] == [False, True]
+    inner = Stay(0, 1, is_unsteady=False, spans=(span(1.0, 1.0),))
+    assert [inner._replace(spans=(span(1.0, half),)).is_weaker(inner) for half in (2.0, 2.01)] == [False, True]
 
 
 def test_a_single_sample_counts_as_a_microsecond() -> None:
@@ -181,6 +188,12 @@ def test_a_model_without_forces_gives_places_alone() -> None:
     assert (with_force.largest, with_force.largest_at_mm) == (span(5.5), 250.0)
 
 
+def test_the_largest_force_is_where_it_was_first() -> None:
+    found = Touched().see(150.0, 250.0, 250.0).load.figures
+    assert found is not None
+    assert found.largest_at_mm == 150.0
+
+
 def test_a_path_of_too_many_stays_joins_the_two_neighbours_that_lasted_least() -> None:
     """But none of those that are farthest left or right, or press hardest."""
     one = Touched()
@@ -194,8 +207,55 @@ def test_a_path_of_too_many_stays_joins_the_two_neighbours_that_lasted_least() -
     assert shortest == [(275.0, 10.0, 155.0)]
 
 
+class Part(NamedTuple):
+    """A part of a contact that lasts for so many samples; those around it are elsewhere."""
+
+    samples: int
+    place_mm: float = 0.0
+    force_n: float = 10.0
+    is_unsteady: bool = False
+
+
+def joined(parts: dict[int, Part]) -> list[list[float]]:
+    """Return the stays of a path of one stay too many that are two of these; the others last for 50 samples."""
+    one = Touched()
+    for number in range(MAX_STAYS + 1):
+        part = parts.get(number, Part(50))
+        place_mm = part.place_mm or 150.0 + 10 * (number % 2)
+        one.see(*[place_mm] * part.samples, force_n=part.force_n, is_unsteady=part.is_unsteady)
+    whole = {150.0, 160.0, *(part.place_mm for part in parts.values())}
+    return [stay for stay in one.load.path if stay[3] not in whole]
+
+
+EXTREMES = {0: Part(50, 100.0, force_n=20.0), 1: Part(50, 300.0)}
+"""These are farthest left and right, and no ramps."""
+
+
+@pytest.mark.parametrize("first", [2, MAX_STAYS - 2])
+def test_of_all_pairs_the_one_that_lasted_least_together_becomes_one(first: int) -> None:
+    """However short one beside a long one is."""
+    alone = {10: Part(1), first: Part(20), first + 1: Part(20)}
+    (stay,) = joined(EXTREMES | alone)
+    assert (stay[1], stay[3]) == (40 * STEP_US, 155.0)
+
+
+@pytest.mark.parametrize("first", [5, 6])
+def test_of_a_steady_stay_and_an_unsteady_one_comes_a_steady_one(first: int) -> None:
+    pair = {5: Part(5), 6: Part(5)} | {first: Part(5, is_unsteady=True)}
+    assert [stay[2] for stay in joined(EXTREMES | pair)] == [0]
+    both = {number: Part(5, is_unsteady=True) for number in (5, 6)}
+    assert [stay[2] for stay in joined(EXTREMES | both)] == [1]
+
+
+def test_a_ramp_is_no_farthest_place() -> None:
+    """It may become one with the stay after it."""
+    ramp = {0: Part(2, 100.0, force_n=5.0), 1: Part(2, 160.0), 2: Part(50, 120.0, force_n=20.0), 3: Part(50, 300.0)}
+    (stay,) = joined(ramp)
+    assert (stay[0], stay[3]) == (0, 130.0)
+
+
 def test_a_load_goes_on_from_its_path_and_memory_as_if_nothing_had_been() -> None:
-    whole, first = (Touched().see(150.0, 151.0, 250.0) for _ in range(2))
+    whole, first = (Touched().see(350.0, 150.0, 151.0, 250.0) for _ in range(2))
     load = first.load
     first.load = Load.read(0, load.path, load.memory)
     for one in (whole, first):
