@@ -1,5 +1,6 @@
 """Which databases a record can be opened in, and what is said of the others: the reason, and at first the remedy."""
 
+import sqlite3
 from contextlib import closing
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from beamtouch_service.events.store import Store
 from beamtouch_service.sections import EventsSection
 from service.record_file import execute
 
+TABLES = Path(__file__).with_name("record_tables.sql")
 REMEDY = "set events.file to one that the service can write"
 
 
@@ -56,6 +58,18 @@ def test_a_record_of_another_version_is_refused_with_its_format(tmp_path: Path, 
         opened(path)
     reason = f"another version of the service wrote it (format {number}); move it away"
     assert str(caught.value) == f"events file {path}: {reason}; {REMEDY}"
+
+
+def test_a_format_has_these_tables(tmp_path: Path) -> None:
+    """Other tables need another format: an old record would be opened, and fail later. Then both go into that file."""
+    path = tmp_path / "events.db"
+    opened(path).close()
+    with closing(sqlite3.connect(path)) as connection:
+        statements = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY name").fetchall()
+        (number,) = connection.execute("SELECT format FROM beamtouch_format").fetchone()
+    lines = "\n".join(f"{statement};" for (statement,) in statements).splitlines()
+    text = "\n".join(line.rstrip().expandtabs(4) for line in lines)
+    assert f"-- format {number}\n{text}\n" == TABLES.read_text()
 
 
 def test_of_a_record_that_was_open_the_reason_is_said_without_a_remedy(tmp_path: Path) -> None:
