@@ -47,12 +47,10 @@ def test_what_only_checks_the_code_is_passed_over() -> None:
     assert found == [(1, 39), (6, 26), (7, 21), (7, 34)]
 
 
-def test_identity_does_not_become_equality() -> None:
-    comparing = {name: one for name, one in operators().items() if "ComparisonOperator_Is" in name}
-    (choices,) = positions_in("found = value is State.CLEAR\n", comparing).values()
-    assert "core/ReplaceComparisonOperator_Is_NotEq" in {name for name, _ in choices}
-    assert "core/ReplaceComparisonOperator_Is_Eq" not in comparing
-    assert "core/ReplaceComparisonOperator_IsNot_NotEq" not in comparing
+def test_identity_only_becomes_its_opposite() -> None:
+    for operator, opposite in (("is", "Is_NotEq"), ("is not", "IsNot_Eq")):
+        (choices,) = positions_in(f"found = value {operator} State.CLEAR\n", operators()).values()
+        assert choices == [(f"core/ReplaceComparisonOperator_{opposite}", 0)]
 
 
 def test_statements_that_only_call_or_raise_are_removed() -> None:

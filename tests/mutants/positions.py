@@ -21,9 +21,9 @@ from parso.tree import BaseNode, NodeOrLeaf
 CHECKS = {"zip": {"strict"}, "dataclass": {"frozen", "slots"}}
 """Keywords that, if they are True, only make a mistake of a programmer fail, by the call that has them."""
 
-SAME = {("Is", "Eq"), ("IsNot", "NotEq")}
-"""Comparisons that no test can tell apart: what is compared by identity here is None, a member of an enum, or an object
-of which an equal one would do as well."""
+OPPOSITE = {"Is": "NotEq", "IsNot": "Eq"}
+"""What identity becomes. Of None, members of enums and models, equal ones are the same, so that no test can tell `==`
+from `is`; and an order of them nobody would write."""
 
 Place = tuple[int, int]
 """Line, from 1, and column, from 0."""
@@ -82,12 +82,12 @@ def operators() -> dict[str, Operator]:
 
 
 def _is_plausible(name: str) -> bool:
-    """Return whether an operator makes something else, and no shift or comparison of identity, which types forbid."""
+    """Return whether an operator makes no shift or comparison of identity, which any test of types would see."""
     _, _, exchange = name.partition("Operator_")
     old, _, new = exchange.partition("_")
     bits = {"BitAnd", "BitOr"}
-    if (old, new) in SAME:
-        return False
+    if old in OPPOSITE:
+        return new == OPPOSITE[old]
     return new not in {"LShift", "RShift", "BitXor", "Is", "IsNot"} and (new in bits) <= (old in bits)
 
 
@@ -95,7 +95,7 @@ def positions_in(text: str, operators: dict[str, Operator]) -> dict[tuple[Place,
     """Return for each position in a file the operators that can change it, each with the number of its occurrence.
 
     Annotations are passed over: nothing runs them, or importing fails at once. So is what only checks the code itself,
-    `strict=True` of `zip`, and `frozen=True` and `slots=True` of a dataclass. `is` does not become `==`.
+    `strict=True` of `zip`, and `frozen=True` and `slots=True` of a dataclass. `is` only becomes its opposite.
     """
     tree = ast.parse(text)
     spans = [
