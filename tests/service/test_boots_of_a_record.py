@@ -137,19 +137,19 @@ def test_a_boot_goes_on_from_its_cursor() -> None:
     assert len(boot.take_best()) == 1
 
 
-@pytest.mark.parametrize("damage", ["model", "memories", "rest", "load"])
+@pytest.mark.parametrize("damage", ["a@1", "z@1", "memories", "rest", "load"])
 def test_a_cursor_that_cannot_be_gone_on_from_ends_its_event_and_says_so(
     caplog: pytest.LogCaptureFixture, damage: str
 ) -> None:
     caplog.set_level("INFO", "beamtouch.service")
-    cursor = cursor_of(add(begun(), RESTING, TOUCHING), model="other@1" if damage == "model" else "")
+    cursor = cursor_of(add(begun(), RESTING, TOUCHING), model=damage if "@" in damage else "")
     cursor.memory.pop(damage, None)
     boot = begun(durable=2)
     boot.go_on(cursor)
     ((_, number, row),) = boot.change().events
     assert (boot.event, number, row["end"]) == (None, 7, "unseen")
     (line,) = caplog.messages
-    reason = "another model decided it (other@1)" if damage == "model" else f"'{damage}'"
+    reason = f"another model decided it ({damage})" if "@" in damage else f"'{damage}'"
     assert line == f"surface press-7: an event of boot boot-0001 cannot go on: {reason}"
 
 
@@ -172,15 +172,26 @@ def test_the_sample_before_an_event_says_how_it_begins() -> None:
     ]
 
 
-def test_a_sample_that_cannot_be_decided_ends_no_event_unless_nothing_was_known() -> None:
-    missing: Row = [None, None, None]
+MISSING: Row = [None, None, None]
+
+
+@pytest.mark.parametrize(
+    ("rows", "event"),
+    [
+        ([RESTING, TOUCHING, MISSING, TOUCHING, RESTING], ("touch", "lift", True, 2)),
+        ([RESTING, MISSING, TOUCHING, RESTING], ("unseen", "lift", False, 1)),
+    ],
+)
+def test_a_sample_that_cannot_be_decided_ends_no_event_and_no_touch_is_seen_after_it(
+    rows: list[Row], event: tuple[str, str, bool, int]
+) -> None:
     boot = begun()
-    for rows in ([RESTING, TOUCHING], [missing], [TOUCHING, RESTING]):
-        batch = parsed(*rows, sequence=boot.expected, quality=["missing"] * 3 if rows == [missing] else None)
+    for row in rows:
+        batch = parsed(row, sequence=boot.expected, quality=["missing"] * 3 if row is MISSING else None)
         for estimate in Estimator(boot.model, "press-7").estimate(batch, batch.samples):
             boot.add(estimate)
-    ((_, _, row),) = boot.change().events
-    assert (row["begin"], row["end"], row["degraded"], row["samples"]) == ("touch", "lift", True, 2)
+    ((_, _, found),) = boot.change().events
+    assert tuple(found[name] for name in ("begin", "end", "degraded", "samples")) == event
 
 
 def test_an_event_keeps_its_first_five_unexplained_samples_and_no_others() -> None:
@@ -273,8 +284,8 @@ def test_a_boot_begins_with_the_oldest_sample_of_its_sender_or_with_the_first_of
     held = Held()
     held.hear(RESTING, oldest=3, sequence=9)
     assert (held.boot().expected, held.boot().durable) == (3, 2)
-    held.hear(RESTING, boot_id="boot-0002", oldest=None, sequence=9)
-    assert (held.boot("boot-0002").expected, held.boot("boot-0002").durable) == (10, 8)
+    held.hear(RESTING, RESTING, boot_id="boot-0002", oldest=None, sequence=9)
+    assert (held.boot("boot-0002").expected, held.boot("boot-0002").durable) == (11, 8)
     assert held.record.lost == 0
     asking = parsed(boot_id="boot-0003").model_copy(update={"samples": [], "oldest": None})
     held.record.put(asking, [])
@@ -297,7 +308,9 @@ def test_of_idle_boots_the_newest_64_stay_in_memory() -> None:
     held.hear(RESTING, TOUCHING, boot_id="boot-open")
     for number in range(MAX_EARLIER + 2):
         held.hear(RESTING, boot_id=f"boot-{number:04}")
-    held.commit(0.0)
+    change = held.commit(0.0)
+    assert change is not None
+    assert len(change.boots) == MAX_EARLIER + 3
     held.commit(1.0)
     kept = held.record.boot_ids
     assert (len(kept), kept[:2]) == (MAX_EARLIER, ["boot-open", "boot-0003"])

@@ -165,6 +165,16 @@ def test_a_stretch_keeps_what_each_channel_of_its_first_samples_contradicts() ->
     assert first["channels"][2]["misfit_without"] == 0.0
 
 
+def test_a_stretch_keeps_nothing_of_a_channel_that_took_no_part() -> None:
+    wedged: Row = [0.5, 0.25, 0.75, 0.125]
+    bench = Bench(surface_of(channels=4))
+    bench.send([0.0] * 4, members={"oldest": 1})
+    quality = ["good", "stuck", "good", "good"]
+    bench.send(*[wedged] * 9, sequence=2, quality=quality, begin_us=START_US + 5000, members={"oldest": 1})
+    (event,) = bench.get("/events?path=true").json()["events"]
+    assert [[one["name"] for one in sample["channels"]] for sample in event["capture"]] == [["s1", "s3", "s4"]] * 5
+
+
 @pytest.mark.promise(
     "docs/reference/events.md", "the misfit of the best contact without this channel; null if too few channels are left"
 )
