@@ -1,0 +1,147 @@
+"""How long a state is held over samples that are missing or cannot be decided, and what is known after a gap."""
+
+from typing import Any
+
+import pytest
+
+from beamtouch_models.runtime import State
+from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.surfaces.estimate import CHUNK, Estimator
+from beamtouch_service.surfaces.follower import Decision, Follower, Judge, Past
+from service.bench import Row, parsed
+from service.event_story import BETWEEN, ODD, RESTING, TOUCHING
+from support.surfaces.small_model import model_of
+
+MISSING: Row = [None, None, None]
+HOLD_US = 500_000
+"""`stale_ms` unless it is stated."""
+
+
+def judged(*rows: tuple[int, Row], section: SurfaceSection | None = None) -> tuple[Judge, list[Decision]]:
+    """Judge samples, each of its time [us]."""
+    model = model_of()
+    judge, decisions = Judge(model, "press-7", section or SurfaceSection()), []
+    for number, (at_us, row) in enumerate(rows, 1):
+        batch = parsed(row, sequence=number, quality=["missing"] * 3 if row is MISSING else None)
+        (estimate,) = Estimator(model, "press-7").estimate(batch, batch.samples)
+        decisions.append(judge.judge(estimate, at_us))
+    return judge, decisions
+
+
+def test_over_samples_without_a_decision_a_state_is_held_for_the_limit_of_age() -> None:
+    judge, decisions = judged((0, TOUCHING), (1000, MISSING))
+    assert [(one.state, one.held) for one in decisions] == [(State.CONTACT, State.CONTACT), (None, State.CONTACT)]
+    assert [judge.is_over(at_us) for at_us in (HOLD_US, HOLD_US + 1, -HOLD_US, -HOLD_US - 1)] == [False, True] * 2
+    # A sample that is decided holds it anew.
+    judge, _ = judged((0, TOUCHING), (1000, MISSING), (400_000, TOUCHING), (400_001, MISSING))
+    assert [judge.is_over(400_000 + at_us) for at_us in (HOLD_US, HOLD_US + 1)] == [False, True]
+
+
+def test_over_a_pause_without_samples_a_state_is_held_for_four_times_as_long() -> None:
+    judge, _ = judged((0, TOUCHING))
+    assert [judge.is_over(at_us) for at_us in (4 * HOLD_US, 4 * HOLD_US + 1)] == [False, True]
+    assert not judged()[0].is_over(10**12)  # nothing is held
+
+
+def test_the_state_of_a_slow_surface_is_held_for_three_readings() -> None:
+    """Of 5 ms each."""
+    for stale_ms, hold_us in ((14.0, 15_000), (16.0, 16_000)):
+        judge, _ = judged((0, TOUCHING), (1, MISSING), section=SurfaceSection(stale_ms=stale_ms))
+        assert [judge.is_over(at_us) for at_us in (hold_us, hold_us + 1)] == [False, True]
+
+
+@pytest.mark.parametrize(("after_us", "state"), [(4 * HOLD_US, State.CONTACT), (4 * HOLD_US + 1, State.CLEAR)])
+def test_a_sample_after_too_long_a_pause_is_decided_alone(after_us: int, state: State) -> None:
+    """It ends no contact, and begins none."""
+    _, decisions = judged((0, TOUCHING), (after_us, BETWEEN))
+    assert [one.state for one in decisions] == [State.CONTACT, state]
+    assert decisions[1].is_certain is (state is State.CONTACT)
+
+
+def test_after_samples_that_are_missing_nothing_is_known() -> None:
+    judge, _ = judged((0, TOUCHING), (1000, MISSING))
+    judge.miss()
+    past = judge.past
+    assert (past.is_known, past.decided_us, past.is_held) == (False, None, False)
+    assert not judge.is_over(10**12)
+
+
+def test_a_past_is_kept_as_json_and_read_again() -> None:
+    judge, _ = judged((0, TOUCHING), (1000, MISSING))
+    past = judge.past
+    assert (past.is_known, past.decided_us, past.is_held) == (True, 0, True)
+    kept: dict[str, Any] = past._asdict() | {"memories": [list(memory) for memory in past.memories]}
+    assert Past.read(kept) == past
+    for name in kept:
+        with pytest.raises(KeyError):
+            Past.read({key: value for key, value in kept.items() if key != name})
+
+
+def test_the_misfit_is_the_smaller_of_that_of_rest_and_of_a_contact_with_its_own_limit() -> None:
+    model = model_of()
+    _, (rest, touch, odd) = judged((0, RESTING), (5000, TOUCHING), (10_000, ODD))
+    for decision, (misfit, limit) in ((rest, (0.0, 30.0)), (touch, (0.0, 30.0)), (odd, (500.0, 30.0))):
+        found = decision.misfit(model)
+        assert (round(found[0], 3), found[1]) == (misfit, limit)
+    # Of two channels, this model takes any contact.
+    batch = parsed(TOUCHING, quality=["good", "good", "stuck"])
+    (estimate,) = Estimator(model, "press-7").estimate(batch, batch.samples)
+    decision = Judge(model, "press-7", SurfaceSection()).judge(estimate, 0)
+    assert decision.misfit(model) == (0.0, 1e6)
+    assert decision.notes(model) == ["unchecked"]
+
+
+def followed(*rows: Row, boot_ids: tuple[str, ...] = (), numbers: tuple[int, ...] = ()) -> list[Decision]:
+    """Follow samples 5 ms apart, of these boots and numbers; default: of one, in order."""
+    follower, decisions = Follower(model_of(), "press-7", SurfaceSection(), lambda _: None), list[Decision]()
+    for place, row in enumerate(rows):
+        boot_id, number = (boot_ids or ("boot-0001",) * len(rows))[place], (numbers or range(1, len(rows) + 1))[place]
+        batch = parsed(row, boot_id=boot_id, sequence=number)
+        decisions += follower.follow(batch, batch.samples, [5000 * place], [])
+    return decisions
+
+
+def test_samples_of_one_sender_in_order_go_on_and_others_begin_anew() -> None:
+    states = [one.state for one in followed(TOUCHING, BETWEEN)]
+    assert states == [State.CONTACT, State.CONTACT]
+    for more in ({"numbers": (1, 3)}, {"numbers": (2, 1)}, {"boot_ids": ("boot-0001", "boot-0002")}):
+        assert [one.state for one in followed(TOUCHING, BETWEEN, **more)] == [State.CONTACT, State.CLEAR], more
+
+
+def test_each_run_of_the_graph_is_timed_and_holds_64_samples() -> None:
+    assert CHUNK == 64
+    for count, runs in ((CHUNK, 1), (CHUNK + 1, 2), (0, 0)):
+        times_s = list[float]()
+        batch = parsed(*[TOUCHING] * max(1, count))
+        estimates = list(Estimator(model_of(), "press-7", times_s.append).estimate(batch, batch.samples[:count]))
+        assert (len(times_s), len(estimates)) == (runs, count)
+        assert all(0 <= took_s < 10 for took_s in times_s)
+        assert [one.sample.sequence for one in estimates] == list(range(1, count + 1))
+
+
+@pytest.mark.parametrize(
+    ("noise_mm", "contradicts"),
+    [
+        (None, False),
+        ([0.01, 0.01, 0.0125], False),
+        ([0.01, 0.01, 0.01251], True),
+        ([0.008, 0.01, 0.01], False),
+        ([0.00799, 0.01, 0.01], True),
+    ],
+)
+def test_a_noise_contradicts_the_model_beyond_a_quarter(noise_mm: list[float] | None, contradicts: bool) -> None:
+    """That of any channel."""
+    estimator = Estimator(model_of(), "press-7")
+    plain = parsed()
+    for batch, said in ((plain.model_copy(update={"noise_mm": noise_mm}), contradicts), (plain, False)):
+        list(estimator.estimate(batch, batch.samples))
+        assert estimator.contradicts is said
+
+
+def test_a_deflection_may_be_as_large_as_any_load_makes_it() -> None:
+    model = model_of()
+    largest_mm = model.largest_mm
+    for sign in (1, -1):
+        batch = parsed([sign * largest_mm, 0.25, 0.125], [sign * 1.0001 * largest_mm, 0.25, 0.125])
+        taken, left_out = Estimator(model, "press-7").estimate(batch, batch.samples)
+        assert (taken.bad, left_out.bad) == ({}, {"s1": "out-of-range"})

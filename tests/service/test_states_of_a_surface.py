@@ -1,0 +1,232 @@
+"""What a surface takes, answers and shows at one time, and which reason it gives if there are several."""
+
+from typing import Any
+
+import pytest
+
+from beamtouch_models.runtime import State
+from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.samples import Quality
+from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.surfaces.channels import ChannelHealth, SurfaceHealth
+from beamtouch_service.surfaces.registry import Registry
+from beamtouch_service.surfaces.state import changing, state_of, summary_of
+from beamtouch_service.surfaces.surface import Surface
+from service.bench import parsed, surface_of, surface_with
+from service.event_story import ODD, RESTING, TOUCHING
+from support.surfaces.small_model import model_of
+
+NOW_S = 1000.0
+OTHER = {"beam": "beam-2"}
+
+
+def shown(surface: Surface, now_s: float = NOW_S) -> list[tuple[float | None, str]]:
+    """Return deflection and quality of each channel, as the stream has them."""
+    channels = state_of(surface, now_s).channels
+    assert [(one.name, one.position_mm) for one in channels] == [("s1", 100.0), ("s2", 200.0), ("s3", 300.0)]
+    return [(one.deflection_mm, one.quality) for one in channels]
+
+
+NONE_SHOWN = [(None, "missing")] * 3
+
+
+def test_deflections_are_shown_while_they_are_current_even_if_there_is_no_contact() -> None:
+    surface = surface_of()
+    assert shown(surface) == NONE_SHOWN
+    surface.receive(parsed(TOUCHING), NOW_S)
+    assert shown(surface) == [(0.5, "good"), (0.25, "good"), (0.125, "good")]
+    assert shown(surface, NOW_S + 0.5) == shown(surface)
+    assert shown(surface, NOW_S + 0.5001) == NONE_SHOWN  # stale
+    surface.receive(parsed([0.5, None, None], sequence=2, quality=["good", "stuck", "missing"]), NOW_S)
+    assert state_of(surface, NOW_S).problem is not None
+    assert shown(surface) == [(0.5, "good"), (None, "stuck"), (None, "missing")]
+
+
+def test_deflections_of_another_beam_are_not_shown() -> None:
+    surface = surface_of(section=SurfaceSection(stale_ms=100.0))
+    surface.receive(parsed(TOUCHING), NOW_S - 0.2)
+    refuse(surface, 2, NOW_S)
+    assert surface.standing(NOW_S) is Kind.OTHER_BEAM
+    assert shown(surface) == NONE_SHOWN
+
+
+def test_a_state_has_the_contact_or_the_problem_with_the_scale_of_the_misfit() -> None:
+    surface = surface_of()
+    before = state_of(surface, NOW_S)
+    assert (before.contact, before.misfit_limit, before.age_ms, before.sequence) == (None, None, None, None)
+    assert before.problem is not None
+    assert before.problem.type.endswith("no-samples")
+    surface.receive(parsed(TOUCHING, sequence=7, age_ms=12.34), NOW_S)
+    state = state_of(surface, NOW_S + 0.1)
+    assert (state.problem, state.misfit_limit, state.age_ms, state.sequence) == (None, 30.0, 112.3, 7)
+    assert (state.contact, state.length_mm) == (surface.contact(NOW_S + 0.1), 400.0)
+    bare = state_of(surface_with(None), NOW_S)
+    assert (bare.length_mm, bare.channels, bare.contact) == (None, [], None)
+
+
+def test_what_changes_by_time_alone_is_no_change() -> None:
+    surface = surface_of()
+
+    def essence(now_s: float) -> dict[str, Any]:
+        return changing(state_of(surface, now_s).model_dump(mode="json"))
+
+    surface.receive(parsed(TOUCHING), NOW_S)
+    assert essence(NOW_S) == essence(NOW_S + 0.4)
+    assert essence(NOW_S + 0.6) == essence(NOW_S + 0.7) != essence(NOW_S)
+    assert {"age_ms", "detail"}.isdisjoint(essence(NOW_S)["contact"])
+    problem = essence(NOW_S + 0.6)["problem"]
+    assert (problem["type"], "detail" in problem) == ("urn:beamtouch:problem:stale", False)
+    assert essence(NOW_S)["age_ms"] is None
+    surface.receive(parsed([0.5, 0.5, 0.0], sequence=2), NOW_S)
+    assert essence(NOW_S)["contact"]["position_mm"] == 150.0
+
+
+def test_a_summary_has_what_is_known_and_null_for_the_rest() -> None:
+    bare = summary_of(surface_with(None), NOW_S)
+    assert (bare.model, bare.beam, bare.channels, bare.age_ms, bare.state) == (None, None, [], None, None)
+    assert (bare.misfit, bare.misfit_limit, bare.notes, bare.health) == (None, None, [], None)
+    surface = surface_of()
+    surface.receive(parsed(*[RESTING, *[ODD] * 4]), NOW_S)
+    odd = summary_of(surface, NOW_S + 0.25)
+    assert (odd.state, odd.misfit, odd.misfit_limit, odd.age_ms) == (State.UNEXPLAINED, 500.0, 30.0, 250.0)
+    stale = summary_of(surface, NOW_S + 0.6)
+    assert (stale.state, stale.misfit, stale.misfit_limit, stale.age_ms) == (None, None, None, 600.0)
+
+
+def refuse(surface: Surface, sequence: int, now_s: float) -> None:
+    """Send a sample of another beam."""
+    with pytest.raises(ProblemError):
+        surface.receive(parsed(sequence=sequence).model_copy(update=OTHER), now_s)
+
+
+def kinds(surface: Surface, *times_s: float) -> list[str]:
+    return [str(getattr(surface.standing(now_s), "slug", surface.standing(now_s))) for now_s in times_s]
+
+
+def test_samples_of_another_beam_are_told_for_ten_seconds() -> None:
+    surface = surface_of()
+    refuse(surface, 1, NOW_S)
+    assert kinds(surface, NOW_S, NOW_S + 10.0, NOW_S + 10.001) == ["other-beam", "other-beam", "no-samples"]
+
+
+@pytest.mark.parametrize(("sequence", "kind"), [(6, "other-beam"), (4, "stale")])
+def test_samples_of_another_beam_are_the_reason_once_the_contact_is_stale_if_they_are_newer(
+    sequence: int, kind: str
+) -> None:
+    surface = surface_of()
+    surface.receive(parsed(TOUCHING, sequence=5), NOW_S)
+    refuse(surface, sequence, NOW_S)
+    assert kinds(surface, NOW_S + 0.5, NOW_S + 0.6) == ["contact", kind]
+    # Until samples come that state none.
+    surface.receive(parsed(TOUCHING, sequence=7), NOW_S + 1)
+    assert kinds(surface, NOW_S + 1, NOW_S + 1.6) == ["contact", "stale"]
+
+
+def test_a_batch_says_which_channels_are_offered_unless_it_is_a_backlog() -> None:
+    surface, ages_s = surface_of(), list[float]()
+    surface.on_arrival = ages_s.append
+    backlog = parsed(channels=["s3", "s2", "s1"]).model_copy(update={"backlog": True, "newest_age_ms": None})
+    surface.receive(backlog, NOW_S)
+    assert (surface.offered, surface.newest, ages_s) == (None, None, [])
+    with pytest.raises(ProblemError):
+        surface.receive(parsed([0.5, 0.5], channels=["s1", "spare"]), NOW_S)
+    assert surface.offered == ["s1", "spare"]
+    surface.receive(parsed(sequence=2, age_ms=250.0), NOW_S)
+    assert (surface.offered, ages_s) == (["s1", "s2", "s3"], [0.25])
+    surface.receive(parsed(sequence=2, age_ms=50.0), NOW_S)
+    assert ages_s == [0.25]  # it was there
+
+
+def test_samples_that_moved_the_answer_need_not_be_weighed_again_under_the_same_model() -> None:
+    surface = surface_of()
+    received = surface.receive(parsed(RESTING, TOUCHING, sequence=4), NOW_S)
+    assert list(received.weighed(model_of())) == [4, 5]
+    assert received.weighed(model_of("other")) == received.weighed(None) == {}
+    assert (received.accepted, received.repeated) == (2, 0)
+
+
+def test_after_each_batch_that_moved_the_answer_and_no_other_it_is_said() -> None:
+    surface, said = surface_of(), list[int]()
+    surface.on_fresh = lambda one: said.append(one.newest.sample.sequence if one.newest else 0)
+    for first in (1, 1, 3):
+        surface.receive(parsed(RESTING, TOUCHING, sequence=first), NOW_S)
+    assert said == [2, 4]
+
+
+def test_qualities_are_those_of_the_channels_of_the_model() -> None:
+    surface = surface_of()
+    assert surface.qualities == {}
+    names = ["spare", "s3", "s2", "s1"]
+    quality = ["stuck", "good", "saturated", "good"]
+    surface.receive(parsed([0.1, 0.125, 0.25, 500.0], channels=names, quality=quality), NOW_S)
+    assert surface.qualities == {"s1": Quality.OUT_OF_RANGE, "s2": Quality.SATURATED, "s3": Quality.GOOD}
+    bare = surface_with(None)
+    bare.receive(parsed([0.1, 0.125, 0.25, 0.5], channels=names, quality=quality), NOW_S)
+    assert list(bare.qualities) == names
+    assert bare.qualities["spare"] is Quality.STUCK
+
+
+def test_channels_of_a_surface_without_a_model_are_out_too() -> None:
+    surface = surface_with(None, section=SurfaceSection(degraded_after_s=0.005))
+    surface.receive(parsed(*[TOUCHING] * 3, quality=["good", "stuck", "good"]), NOW_S)
+    assert list(surface.channels_out.now) == ["s2"]
+
+
+CHANGED = ChannelHealth(
+    gain_percent=9.0, gain_low_percent=8.0, gain_high_percent=10.0, zero_mm=None, zero_low_mm=None, zero_high_mm=None,
+    since="2026-11-20T23:40:46.123Z", contacts=9, changed=True, changes=[],
+)  # fmt: skip
+
+
+def test_a_changed_channel_is_a_reason_for_a_technician_under_its_own_model_only() -> None:
+    surface = surface_of()
+    surface.receive(parsed(TOUCHING), NOW_S)
+    channels = {"s1": CHANGED.model_copy(update={"changed": False}), "s3": CHANGED}
+    for identity, found in ((model_of().identity, Kind.CHANGED_CHANNELS), ("other@1", None)):
+        surface.health = SurfaceHealth(identity, channels)
+        assert surface.unready(NOW_S) is None
+        problem = surface.unready(NOW_S, healthy=True)
+        assert (problem and problem.kind) == found
+        assert (problem.channels if problem else []) == (["s3"] if found else [])
+    assert surface.channel_health is None
+    # What prevents a contact comes first.
+    assert isinstance(surface.unready(NOW_S + 9, healthy=True), Problem)
+
+
+def test_a_long_stretch_is_a_reason_only_for_a_technician() -> None:
+    surface = surface_of(section=SurfaceSection(unexplained_after_s=0.01))
+    surface.receive(parsed(RESTING, *[ODD] * 5), NOW_S)  # from the third on, 10 ms
+    assert surface.unready(NOW_S, healthy=True) is None
+    surface.receive(parsed(ODD, sequence=7, begin_us=1_795_218_046_123_456 + 30_000), NOW_S + 0.005)
+    problem = surface.unready(NOW_S + 0.005, healthy=True)
+    assert problem is not None
+    assert (problem.kind, surface.unready(NOW_S + 0.005)) == (Kind.UNEXPLAINED, None)
+    assert "for over 0.01 s" in problem.detail
+
+
+def test_a_name_that_nobody_has_is_repeated_up_to_the_length_of_a_name() -> None:
+    registry = Registry([surface_of(), surface_of("press-8")])
+    with pytest.raises(ProblemError) as caught:
+        registry.named("x" * 65)
+    assert caught.value.problem.detail == f"No surface is called {'x' * 64!r}. The surfaces are press-7, press-8."
+    assert caught.value.problem.members == {"surfaces": ["press-7", "press-8"]}
+    assert registry.chosen("press-8").name == "press-8"
+    with pytest.raises(ProblemError) as caught:
+        registry.chosen(None)
+    assert caught.value.problem.kind is Kind.SURFACE_REQUIRED
+    assert caught.value.problem.detail == "Name one of press-7, press-8, as in /contact?surface=press-7."
+    assert Registry([surface_of()]).chosen(None).name == "press-7"
+
+
+def test_what_is_not_ready_is_listed_with_the_reason_of_each() -> None:
+    fresh, waiting = surface_of(), surface_of("press-8")
+    fresh.receive(parsed(TOUCHING), NOW_S)
+    Registry([fresh]).require_ready(NOW_S, {"mqtt": ""})
+    with pytest.raises(ProblemError) as caught:
+        Registry([fresh, waiting]).require_ready(NOW_S, {"mqtt": "no broker", "opcua": ""})
+    problem = caught.value.problem
+    assert problem.detail == "press-8: The surface has no samples yet; [mqtt]: no broker"
+    assert problem.members["missing"] == {"mqtt": "no broker"}
+    assert list(problem.members["surfaces"]) == ["press-8"]  # type: ignore[call-overload]
+    with pytest.raises(ProblemError):
+        Registry([fresh]).require_ready(NOW_S, {"mqtt": "no broker"})
