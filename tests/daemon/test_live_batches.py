@@ -15,7 +15,7 @@ from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.delivery.sending import send
 from beamtouch_service.samples import Batch
 
-from .publishing import boot, taken
+from .publishing import Bench, boot, taken
 from .service import TOKEN, Service, serving
 
 pytestmark = pytest.mark.anyio
@@ -118,6 +118,9 @@ async def test_a_live_batch_begins_with_the_gap_of_the_record_if_a_request_holds
 
 async def test_after_a_failure_the_next_live_batch_waits_a_second_at_most() -> None:
     async with serving(Service()) as service, sender(url=service.url) as one:
+        one.boot.due_s = 60.0
+        assert await one.send() == 0.0
+        assert one.boot.due_s == 60.0
         service.statuses = [503] * 6
         waits_s = [await one.send() for _ in range(6)]
         for wait_s, most_s in zip(waits_s, (0.1, 0.2, 0.4, 0.8, 1.0, 1.0), strict=True):
@@ -201,3 +204,14 @@ async def test_a_line_that_is_thin_is_said_while_the_record_lacks_more_than_a_re
         one.boot.live.begin(1, MOST + 1)
         await send(one.live._client, one.logs, one.boot, asking)
         assert "the record has caught up on a thin line after" in caplog.text
+
+
+async def test_live_batches_that_were_in_flight_when_their_part_failed_are_over() -> None:
+    async with serving(Service()) as service:
+        bench = Bench(service)
+        bench.count(3)
+        for number in (1, 2):
+            bench.boot.live.begin(number, number)
+        async with bench:
+            await service.until(1)
+            assert service.batches[0][1].samples[-1].sequence == 3

@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from beamtouch_service.events import boot, recorder
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.database import EventsAwayError, UnreadableRowError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.store import Due, Store
 from beamtouch_service.samples import Batch
@@ -76,9 +76,11 @@ async def test_samples_are_taken_from_the_expected_one_on() -> None:
         assert (one.waiting, one.lost) == ({"press-7": 8}, {"press-7": 0})
         await commit(one)
         assert await take(one, surface) == (8, 9)
-        # A sender that keeps nothing loses what is between.
+        # What its sender no longer has is lost, and of one that keeps nothing what is between.
         assert await take(one, surface, *REST, first=11, oldest=None) == (8, 14)
         assert (one.waiting, one.lost) == ({"press-7": 5}, {"press-7": 2})
+        assert await take(one, surface, oldest=17) == (8, 17)
+        assert one.lost == {"press-7": 5}
 
 
 async def test_samples_for_which_there_is_no_room_are_left_to_the_sender(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,6 +90,81 @@ async def test_samples_for_which_there_is_no_room_are_left_to_the_sender(monkeyp
         assert await take(one, surface, *REST, *REST) == (0, 5)
         await commit(one)
         assert await take(one, surface, *REST, first=5) == (4, 8)
+
+
+@pytest.mark.parametrize("change", ["model", "race", "room"])
+async def test_what_changes_between_two_samples_ends_the_taking(monkeypatch: pytest.MonkeyPatch, change: str) -> None:
+    surface = surface_of()
+    async with recording() as one:
+        assert await take(one, surface, RESTING) == (0, 2)
+        record = one._records["press-7"]
+        held = record.boot("boot-0001")
+        assert held is not None
+        steps = one._add(record, batch_of(*REST, first=2), {})
+        next(steps)
+        if change == "model":
+            surface.adopt(model_of("other"))
+        elif change == "race":
+            del one._records["press-7"]
+        else:
+            monkeypatch.setattr(boot, "MAX_WAITING", 1)
+        assert list(steps) == []
+        assert held.expected == 3
+
+
+def breaking(monkeypatch: pytest.MonkeyPatch, one: Recorder, call: str, error: Exception) -> Callable[[], None]:
+    """Let a call of the store raise an error; return what ends that."""
+
+    def fail(*_: object) -> None:
+        raise error
+
+    works = getattr(one.store, call)
+    monkeypatch.setattr(one.store, call, fail)
+    return lambda: monkeypatch.setattr(one.store, call, works)
+
+
+ERRORS = [
+    (EventsAwayError("no route"), "no route"),
+    (UnreadableRowError("a row is damaged"), "a row is damaged"),
+    (RuntimeError("bug"), "unexpected error (RuntimeError('bug'))"),
+]
+
+
+@pytest.mark.parametrize(("error", "reason"), ERRORS)
+async def test_a_boot_that_cannot_be_read_makes_the_record_away_until_it_is(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, reason: str
+) -> None:
+    monkeypatch.setattr(recorder, "REST_S", 0.0)
+    surface = surface_of()
+    async with recording() as one:
+        mend = breaking(monkeypatch, one, "load", error)
+        assert await one.take(surface, batch_of(*REST), {}) == (None, None)
+        await asyncio.sleep(0)
+        assert (one.away_because, one.outages) == (reason, 1)
+        mend()
+        assert await take(one, surface, *REST) == (0, 4)
+        # Others than that of a row may hold what is written, too.
+        assert one.away_because == ("" if isinstance(error, UnreadableRowError) else reason)
+        await commit(one)
+        assert (one.away_because, one.outages) == ("", 1)
+
+
+@pytest.mark.parametrize(("error", "reason"), ERRORS)
+async def test_a_commit_that_fails_makes_the_record_away_until_one_succeeds(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, reason: str
+) -> None:
+    surface = surface_of()
+    async with recording() as one:
+        assert await take(one, surface, *REST) == (0, 4)
+        mend = breaking(monkeypatch, one, "commit", error)
+        await commit(one)
+        await asyncio.sleep(0)
+        assert (one.away_because, one.outages) == (reason, 1)
+        assert await take(one, surface) == (0, 4)
+        mend()
+        await asyncio.wait([one.commit()])  # what failed is due at once
+        assert (one.away_because, one.outages) == ("", 1)
+        assert await take(one, surface) == (3, 4)
 
 
 async def test_samples_that_moved_the_answer_are_not_weighed_again_if_all_of_them_did() -> None:
@@ -149,7 +226,13 @@ def finished(store: Store) -> list[Due]:
 async def test_who_waits_for_events_is_told_by_the_commit_that_ends_one() -> None:
     surface = surface_of()
     async with recording() as one:
-        waiting = asyncio.ensure_future(one.wait_for_finished(finished))
+        calls = list[int]()
+
+        def asked(store: Store) -> list[Due]:
+            calls.append(1)
+            return finished(store)
+
+        waiting = asyncio.ensure_future(one.wait_for_finished(asked))
         await take(one, surface, RESTING, TOUCHING)
         await commit(one)
         await asyncio.sleep(0.02)
@@ -158,7 +241,7 @@ async def test_who_waits_for_events_is_told_by_the_commit_that_ends_one() -> Non
         await commit(one)
         async with asyncio.timeout(PATIENT_S):
             (due,) = await waiting
-        assert (due.number, due.event.end) == (1, "lift")
+        assert (due.number, due.event.end, len(calls)) == (1, "lift", 2)
 
 
 async def test_of_two_services_the_one_that_lost_reads_anew(tmp_path: Path) -> None:
@@ -295,6 +378,22 @@ async def test_the_limits_are_looked_after_at_once_and_then_each_minute(monkeypa
             while one.waiting["press-7"]:  # noqa: ASYNC110 - of another task
                 await asyncio.sleep(0.01)
         running.cancel()
+
+
+@pytest.mark.parametrize(("error", "reason"), ERRORS)
+async def test_limits_that_cannot_be_looked_after_make_the_record_away(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, reason: str
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    async with recording() as one:
+        monkeypatch.setattr(one.retention, "tidy", fail)
+        one._begin_upkeep()
+        assert one._upkeep is not None
+        await asyncio.wait([one._upkeep])
+        await asyncio.sleep(0)
+        assert one.away_because == reason
 
 
 async def test_the_health_on_record_is_stated_before_samples_come(tmp_path: Path) -> None:

@@ -1,0 +1,128 @@
+"""Which events and cursors go at a look after the limits of a record, at the bounds of age, share and size."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import pytest
+from sqlalchemy import func, insert, select
+
+from beamtouch_service.events.event import Begin, End, Event, EventKind
+from beamtouch_service.events.retention import Deleted, Retention
+from beamtouch_service.events.store import Store
+from beamtouch_service.events.tables import CURSORS, EVENTS
+from beamtouch_service.sections import EventsSection
+
+DAY_S, NOW_S = 86_400.0, 1.8e9
+
+
+class Limited:
+    """A record in memory whose time is the monotonic clock, as its service has looked from 0 on."""
+
+    def __init__(self, store: Store, keep_days: float = 1.0, max_mb: float | None = None) -> None:
+        self.database = store.database
+        self.retention = Retention(EventsSection(keep_days=keep_days, max_mb=max_mb))
+        self.look(0.0)
+
+    def look(self, uptime_s: float, *held: tuple[str, str]) -> Deleted:
+        return self.retention.tidy(self.database, NOW_S + uptime_s, uptime_s, held)
+
+    def put(self, count: int, recorded_s: float = 0.0, end: End = End.LIFT, path_bytes: int = 0) -> None:
+        """Add events that were written at this time of the record."""
+        kind, path = EventKind.CONTACT, ["x" * path_bytes] if path_bytes else []
+        event = Event("press-7", "press-7@1", "boot-0001", 1, 1, 0, 0, kind, Begin.TOUCH, end)
+        row: dict[str, Any] = vars(event) | {"recorded_s": recorded_s, "path": path}
+        with self.database.writing() as connection:
+            connection.execute(insert(EVENTS), [row] * count)
+
+    def put_cursor(self, boot_id: str, recorded_s: float = 0.0) -> None:
+        row = {"surface": "press-7", "boot_id": boot_id, "durable": 1, "version": 1, "model": "m", "memory": {}}
+        with self.database.writing() as connection:
+            connection.execute(insert(CURSORS), row | {"event": None, "recorded_s": recorded_s})
+
+    @property
+    def count(self) -> int:
+        with self.database.reading() as connection:
+            return connection.scalar(select(func.count()).select_from(EVENTS)) or 0
+
+    @property
+    def boots(self) -> list[str]:
+        with self.database.reading() as connection:
+            return sorted(connection.scalars(select(CURSORS.c.boot_id)))
+
+
+@pytest.fixture
+def store() -> Iterator[Store]:
+    with closing(Store(EventsSection())) as opened:
+        yield opened
+
+
+def test_an_event_goes_once_it_is_older_than_the_limit(store: Store) -> None:
+    limited = Limited(store)
+    limited.put(1)
+    limited.put(1, recorded_s=5.0)
+    found = [limited.look(DAY_S + later_s)[:2] for later_s in (0.0, 0.5, 5.0, 5.5, 6.0)]
+    assert found == [(0, False), (1, False), (0, False), (1, False), (0, False)]
+    assert (limited.retention.old, limited.retention.oversize, limited.count) == (2, 0, 0)
+
+
+@pytest.mark.parametrize(("count", "parts"), [(250, [100, 100, 50, 0]), (2100, [105, 100, 100])])
+def test_at_a_look_a_twentieth_of_the_events_goes_and_at_least_a_hundred(
+    store: Store, caplog: pytest.LogCaptureFixture, count: int, parts: list[int]
+) -> None:
+    caplog.set_level("INFO", "beamtouch.service")
+    limited = Limited(store)
+    limited.put(count)
+    assert [limited.look(DAY_S + 1 + number).old for number in range(len(parts))] == parts
+    assert limited.count == count - sum(parts)
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"  # there are more
+    assert record.getMessage() == f"{parts[0]} events were deleted, as they were older than 1 days"
+
+
+def test_that_all_old_events_are_gone_is_no_warning(store: Store, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "beamtouch.service")
+    limited = Limited(store, keep_days=1.5)
+    limited.put(3)
+    assert limited.look(1.5 * DAY_S + 1) == Deleted(3, are_more_old=False, oversize=0)
+    (record,) = caplog.records
+    assert (record.levelname, record.getMessage()) == (
+        "INFO",
+        "3 events were deleted, as they were older than 1.5 days",
+    )
+
+
+@pytest.mark.parametrize("count", [10, 60])
+def test_above_its_size_a_twentieth_goes_at_a_time_and_at_least_one(store: Store, count: int) -> None:
+    """Until it is kept; an event takes 1 MB or so."""
+    limited = Limited(store, max_mb=count - 1)
+    limited.put(count, path_bytes=1_000_000)
+    deleted = limited.look(1.0)
+    assert (deleted.old, deleted.are_more_old) == (0, False)
+    # Of 60, three at a time.
+    assert (deleted.oversize, limited.retention.oversize) == ((2, 2) if count == 10 else (3, 3))
+    assert limited.look(2.0).oversize == 0
+
+
+def test_an_open_event_is_kept_however_large_the_record_is(store: Store) -> None:
+    limited = Limited(store, max_mb=1)
+    limited.put(2, path_bytes=1_000_000, end=End.OPEN)
+    limited.put(1)
+    assert [limited.look(at_s).oversize for at_s in (1.0, 2.0)] == [1, 0]
+    assert limited.count == 2
+
+
+@pytest.mark.parametrize(("keep_days", "after_s"), [(30.0, DAY_S), (0.5, DAY_S / 2)])
+def test_the_cursor_of_a_boot_without_events_goes_after_a_day_unless_it_is_held(
+    store: Store, keep_days: float, after_s: float
+) -> None:
+    """Or sooner, if events do."""
+    limited = Limited(store, keep_days=keep_days)
+    for boot_id in ("boot-0001", "boot-0002", "boot-held"):
+        limited.put_cursor(boot_id)
+    limited.put(1, recorded_s=after_s)  # of the first one
+    held = [("press-7", "boot-held"), ("press-8", "boot-0002")]
+    limited.look(after_s, *held)
+    assert limited.boots == ["boot-0001", "boot-0002", "boot-held"]
+    limited.look(after_s + 1, *held)
+    assert limited.boots == ["boot-0001", "boot-held"]

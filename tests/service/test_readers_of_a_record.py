@@ -1,0 +1,90 @@
+"""How many answers from the record are under way at once, and how a reader leaves the interpreter to others."""
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import AsyncExitStack, closing
+from types import SimpleNamespace
+
+import pytest
+from sqlalchemy import literal, select, union_all
+
+from beamtouch_service.events import readers
+from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.readers import Reader, Readers, TooManyReadersError
+from beamtouch_service.events.store import Store
+from beamtouch_service.sections import EventsSection
+
+pytestmark = pytest.mark.anyio
+
+
+@pytest.fixture
+def store() -> Iterator[Store]:
+    with closing(Store(EventsSection())) as opened:
+        yield opened
+
+
+async def test_32_answers_may_be_under_way_and_the_next_waits_for_a_while(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert (readers.MAX_ANSWERS, readers.SLOT_S, readers.QUERY_S) == (32, 1.0, 15.0)
+    monkeypatch.setattr(readers, "SLOT_S", 0.05)
+    all_readers = Readers(store.database)
+    async with AsyncExitStack() as slots:
+        for _ in range(32):
+            await slots.enter_async_context(all_readers.slot())
+        with pytest.raises(TooManyReadersError):
+            await slots.enter_async_context(all_readers.slot())
+    # What ended in an error left its slot, too.
+    for _ in range(33):
+        with pytest.raises(ValueError, match="broken"):
+            async with all_readers.slot():
+                raise ValueError("broken")
+    all_readers.end()
+
+
+async def test_an_answer_of_the_database_is_awaited_for_a_time_only(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(readers, "QUERY_S", 0.05)
+    all_readers, go_on = Readers(store.database), threading.Event()
+    assert await all_readers.read(lambda reader: len(reader.rows(select(literal(1))))) == 1
+    with pytest.raises(EventsAwayError, match=r"^it has not answered for 0\.05 s$"):
+        await all_readers.read(lambda _: go_on.wait(30))
+    go_on.set()
+    await asyncio.sleep(0)
+    all_readers.end()
+
+
+class Worked:
+    """A clock of the work of a thread, and the rests of its reader."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, step_s: float = 0.0) -> None:
+        self.now_s, self._step_s, self.rests_s = 0.0, step_s, list[float]()
+        monkeypatch.setattr(readers, "time", SimpleNamespace(thread_time=self._read))
+        monkeypatch.setattr(readers, "select", lambda *arguments: self.rests_s.append(arguments[-1]))
+
+    def _read(self) -> float:
+        self.now_s += self._step_s
+        return self.now_s
+
+
+def test_a_reader_that_worked_for_a_fifth_of_a_millisecond_rests_for_ten_times_as_long(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worked = Worked(monkeypatch)
+    reader = Reader(store.database)
+    for now_s in (0.199e-3, 0.2e-3, 0.399e-3, 0.5e-3):
+        worked.now_s = now_s
+        reader.rest()
+    assert worked.rests_s == pytest.approx([2e-3, 3e-3])
+
+
+@pytest.mark.parametrize(("count", "rests"), [(8, 1), (9, 2), (16, 2), (17, 3)])
+def test_a_reader_rests_after_each_eight_rows(
+    store: Store, monkeypatch: pytest.MonkeyPatch, count: int, rests: int
+) -> None:
+    worked = Worked(monkeypatch, step_s=1.0)
+    rows = Reader(store.database).rows(union_all(*[select(literal(number)) for number in range(count)]))  # type: ignore[arg-type]
+    assert [row[0] for row in rows] == list(range(count))
+    assert len(worked.rests_s) == rests
