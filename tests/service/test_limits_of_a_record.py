@@ -35,10 +35,10 @@ class Limited:
         with self.database.writing() as connection:
             connection.execute(insert(EVENTS), [row] * count)
 
-    def put_cursor(self, boot_id: str, recorded_s: float = 0.0) -> None:
-        row = {"surface": "press-7", "boot_id": boot_id, "durable": 1, "version": 1, "model": "m", "memory": {}}
+    def put_cursor(self, boot_id: str, surface: str = "press-7") -> None:
+        row = {"surface": surface, "boot_id": boot_id, "durable": 1, "version": 1, "model": "m", "memory": {}}
         with self.database.writing() as connection:
-            connection.execute(insert(CURSORS), row | {"event": None, "recorded_s": recorded_s})
+            connection.execute(insert(CURSORS), row | {"event": None, "recorded_s": 0.0})
 
     @property
     def count(self) -> int:
@@ -46,9 +46,10 @@ class Limited:
             return connection.scalar(select(func.count()).select_from(EVENTS)) or 0
 
     @property
-    def boots(self) -> list[str]:
+    def boots(self) -> list[tuple[str, str]]:
         with self.database.reading() as connection:
-            return sorted(connection.scalars(select(CURSORS.c.boot_id)))
+            rows = connection.execute(select(CURSORS.c.surface, CURSORS.c.boot_id))
+            return sorted((surface, boot_id) for surface, boot_id in rows)
 
 
 @pytest.fixture
@@ -93,7 +94,9 @@ def test_that_all_old_events_are_gone_is_no_warning(store: Store, caplog: pytest
 
 
 @pytest.mark.parametrize("count", [10, 60])
-def test_above_its_size_a_twentieth_goes_at_a_time_and_at_least_one(store: Store, count: int) -> None:
+def test_above_its_size_a_twentieth_goes_at_a_time_and_at_least_one(
+    store: Store, caplog: pytest.LogCaptureFixture, count: int
+) -> None:
     """Until it is kept; an event takes 1 MB or so."""
     limited = Limited(store, max_mb=count - 1)
     limited.put(count, path_bytes=1_000_000)
@@ -102,6 +105,8 @@ def test_above_its_size_a_twentieth_goes_at_a_time_and_at_least_one(store: Store
     # Of 60, three at a time.
     assert (deleted.oversize, limited.retention.oversize) == ((2, 2) if count == 10 else (3, 3))
     assert limited.look(2.0).oversize == 0
+    words = "events were deleted before they were 1 days old: the record is full; see events.max_mb"
+    assert caplog.messages == [f"{deleted.oversize} {words}"]
 
 
 def test_an_open_event_is_kept_however_large_the_record_is(store: Store) -> None:
@@ -120,9 +125,13 @@ def test_the_cursor_of_a_boot_without_events_goes_after_a_day_unless_it_is_held(
     limited = Limited(store, keep_days=keep_days)
     for boot_id in ("boot-0001", "boot-0002", "boot-held"):
         limited.put_cursor(boot_id)
-    limited.put(1, recorded_s=after_s)  # of the first one
-    held = [("press-7", "boot-held"), ("press-8", "boot-0002")]
-    limited.look(after_s, *held)
-    assert limited.boots == ["boot-0001", "boot-0002", "boot-held"]
+    for surface in ("press-6", "press-8"):
+        limited.put_cursor("boot-0001", surface)
+    limited.put(1, recorded_s=after_s)  # of the first boot
+    held, before = [("press-7", "boot-held"), ("press-8", "boot-0002")], limited.boots
+    assert len(before) == 5
+    for at_s in (after_s / 2, after_s):
+        limited.look(at_s, *held)
+        assert limited.boots == before
     limited.look(after_s + 1, *held)
-    assert limited.boots == ["boot-0001", "boot-held"]
+    assert limited.boots == [("press-7", "boot-0001"), ("press-7", "boot-held")]

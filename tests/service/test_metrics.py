@@ -1,0 +1,242 @@
+"""What `GET /metrics` says, written by hand for a few moments in the life of a surface."""
+
+import re
+
+import pytest
+
+from beamtouch_common.zones import Zone
+from beamtouch_service.api.counts import Counts, clock_ahead_s
+from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.surfaces.channels import ChannelHealth, SurfaceHealth
+from beamtouch_service.surfaces.surface import Surface
+from service.bench import START_US, Bench, batch_of, parsed, surface_of, surface_with
+from service.event_story import HARDER, ODD, RESTING, TOUCHING
+from support.surfaces.small_model import model_of
+
+LEFT = Zone(from_mm=0, to_mm=160)
+SECTION = SurfaceSection(degraded_after_s=0.009, unexplained_after_s=0.01, zones={"left": LEFT})
+
+
+def figures(bench: Bench, *names: str) -> dict[str, float]:
+    """Return the figures with these names, each under its name and the values of its labels but for the surface."""
+    found = re.findall(r"^beamtouch_(\w+?)(?:\{(.*)\})? (\S+)$", bench.metrics(), re.MULTILINE)
+    return {
+        " ".join([name, *_labels(labels)]): round(float(value), 6) for name, labels, value in found if name in names
+    }
+
+
+def _labels(text: str) -> list[str]:
+    return [value for label, value in re.findall(r'(\w+)="(.*?)"', text) if label != "surface"]
+
+
+def table(text: str) -> dict[str, float]:
+    """Return figures that are written as in `state contact 1, state clear 0`."""
+    return {name: float(value) for name, _, value in (" ".join(one.split()).rpartition(" ") for one in text.split(","))}
+
+
+STATES = ("state", "problem", "note", "unexplained", "unexplained_stretches_total", "unexplained_seconds_total")
+SAMPLES = (
+    *("samples_accepted_total", "samples_repeated_total", "samples_missing", "sender_changes_total"),
+    *("sample_age_seconds", "sender_clock_ahead_seconds", "model_refused"),
+)
+CHANNELS = ("channel_quality", "channel_out")
+COUNTS = ("contacts_total", "refusals_total", "batch_seconds_count", "sample_arrival_age_seconds_count")
+RECORD = (
+    *("record_outages_total", "record_races_total", "record_events_deleted_total", "record_samples_waiting"),
+    *("record_samples_lost_total", "missing", "part_failures_total"),
+)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench(surface_of(section=SECTION))
+
+
+def test_before_the_first_sample_counts_are_zero_and_what_is_not_known_is_left_out(bench: Bench) -> None:
+    assert figures(bench, *STATES) == table(
+        """state contact 0, state clear 0, state unexplained 0, problem no-samples 1,
+        unexplained 0, unexplained_stretches_total 0, unexplained_seconds_total 0"""
+    )
+    assert figures(bench, *SAMPLES) == table(
+        "samples_accepted_total 0, samples_repeated_total 0, samples_missing 0, sender_changes_total 0, model_refused 0"
+    )
+    assert figures(bench, *RECORD) == table(
+        """record_outages_total 0, record_races_total 0, missing events 0,
+        record_events_deleted_total age 0, record_events_deleted_total size 0"""
+    )
+    assert figures(bench, *COUNTS) == table(
+        """contacts_total contact 0, contacts_total clear 0, contacts_total unexplained 0,
+        refusals_total unauthorized 0, refusals_total forbidden 0, refusals_total other-name 0,
+        batch_seconds_count 0, sample_arrival_age_seconds_count 0"""
+    )
+    assert figures(bench, "model", "zone_entries_total") == table(
+        f"model {model_of().identity} 1, zone_entries_total left 0"
+    )
+    assert figures(bench, *CHANNELS, "zone") == {}
+
+
+def test_a_contact_is_counted_with_the_age_of_its_sample_and_its_zone(bench: Bench) -> None:
+    bench.send(RESTING, TOUCHING, TOUCHING)
+    bench.send(TOUCHING, TOUCHING, sequence=3)
+    bench.contact()
+    bench.now_s += 0.25
+    assert figures(bench, *STATES) == table(
+        """state contact 1, state clear 0, state unexplained 0,
+        unexplained 0, unexplained_stretches_total 0, unexplained_seconds_total 0"""
+    )
+    # The second batch says that its samples were taken 10 ms and 5 ms after what this machine has for now.
+    assert figures(bench, *SAMPLES) == table(
+        """samples_accepted_total 4, samples_repeated_total 1, samples_missing 0, sender_changes_total 0,
+        sample_age_seconds 0.25, sender_clock_ahead_seconds 0.255, model_refused 0"""
+    )
+    assert figures(bench, "zone", "zone_entries_total", "contacts_total", "record_samples_waiting") == table(
+        """zone inside left 1, zone outside left 0, zone unsure left 0, zone_entries_total left 1,
+        contacts_total contact 1, contacts_total clear 0, contacts_total unexplained 0, record_samples_waiting 4"""
+    )
+
+
+WORDS = ("good", "out-of-range", "saturated", "stuck", "missing")
+
+
+def test_a_channel_that_is_out_and_gaps_are_shown_while_samples_are_fresh(bench: Bench) -> None:
+    bench.send(TOUCHING)
+    bench.now_s += 0.05
+    bench.send(*[TOUCHING] * 3, sequence=5, quality=["good", "good", "stuck"])
+    qualities = {"s1": "good", "s2": "good", "s3": "stuck"}
+    assert figures(bench, "channel_quality") == {
+        f"channel_quality {name} {word}": found == word for name, found in qualities.items() for word in WORDS
+    }
+    assert figures(bench, "channel_out", "note", "samples_missing", "record_samples_lost_total") == table(
+        """channel_out s1 0, channel_out s2 0, channel_out s3 1, note degraded 1, note unchecked 1,
+        samples_missing 3, record_samples_lost_total 3"""
+    )
+    assert figures(bench, "zone") == {}  # what is not checked is in none
+    bench.now_s += 0.6
+    assert figures(bench, *CHANNELS, "note", "sender_clock_ahead_seconds") == {}
+    assert figures(bench, "problem", "sample_age_seconds") == table("problem stale 1, sample_age_seconds 0.6")
+
+
+def test_a_stretch_is_timed_and_overdue_while_samples_are_fresh(bench: Bench) -> None:
+    bench.send(RESTING, *[ODD] * 4)  # the state follows from the third one
+    bench.now_s += 0.1
+    assert figures(bench, *STATES) == table(
+        """state contact 0, state clear 0, state unexplained 1,
+        unexplained 0, unexplained_stretches_total 1, unexplained_seconds_total 0.005"""
+    )
+    bench.send(ODD, ODD, sequence=6)
+    names = ("unexplained", "unexplained_seconds_total", "problem")
+    assert figures(bench, *names) == table("unexplained 1, unexplained_seconds_total 0.105")
+    bench.now_s += 0.6
+    assert figures(bench, *names) == table("unexplained 0, unexplained_seconds_total 0.105, problem stale 1")
+
+
+def test_the_health_of_a_channel_has_both_bounds(bench: Bench) -> None:
+    bench.send(TOUCHING)
+    (surface,) = bench.app.context.registry
+    gain = {"gain_percent": 2.5, "gain_low_percent": 2.0, "gain_high_percent": 3.0}
+    zero = {"zero_mm": 0.25, "zero_low_mm": 0.125, "zero_high_mm": 0.5}
+    each = {"s1": {**zero, "changed": True}, "s2": {**dict.fromkeys(zero), "changed": False}}
+    about: dict[str, object] = {"since": "2026-11-20T23:40:46.123Z", "contacts": 9, "changes": []}
+    healths = {name: ChannelHealth.model_validate({**about, **gain, **members}) for name, members in each.items()}
+    surface.health = SurfaceHealth(model_of().identity, healths)
+    assert figures(bench, "gain_change_percent", "zero_change_mm", "channel_changed") == table(
+        """gain_change_percent estimate s1 2.5, gain_change_percent low s1 2, gain_change_percent high s1 3,
+        gain_change_percent estimate s2 2.5, gain_change_percent low s2 2, gain_change_percent high s2 3,
+        zero_change_mm estimate s1 0.25, zero_change_mm low s1 0.125, zero_change_mm high s1 0.5,
+        channel_changed s1 1, channel_changed s2 0"""
+    )
+
+
+def test_a_surface_without_a_model_shows_the_channels_of_its_sender() -> None:
+    surface = surface_with(None)
+    bench = Bench(surface)
+    surface.model_error = "damaged"
+    bench.send([0.5], channels=["any"], quality=["saturated"])
+    assert figures(bench, "channel_quality") == {f"channel_quality any {word}": word == "saturated" for word in WORDS}
+    names = ("channel_out", "model", "model_refused", "problem")
+    assert figures(bench, *names) == table("channel_out any 0, model_refused 1, problem no-model 1")
+
+
+BOUNDS = {
+    "inference": (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2),
+    "batch": (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5, 1.0, 10.0),
+    "sample_arrival_age": (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0),
+}
+"""Of the histograms [s]: dashboards and alarms count on them."""
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_histogram_has_bounds(bench: Bench, name: str) -> None:
+    found = re.findall(rf'^beamtouch_{name}_seconds_bucket{{le="(.*?)",', bench.metrics(), re.MULTILINE)
+    assert [float(bound) for bound in found] == [*BOUNDS[name], float("inf")]
+
+
+def test_the_clock_of_a_sender_is_compared_while_its_sample_is_fresh() -> None:
+    """That of this machine stands at `START_US`."""
+    surface = surface_of()
+    assert clock_ahead_s(surface, 1000.0) is None
+    surface.receive(parsed(HARDER, begin_us=START_US + 2_000_000), 1000.0)
+    assert clock_ahead_s(surface, 1000.25) == pytest.approx(2.25, abs=1e-6)
+    assert clock_ahead_s(surface, 1000.5) is not None
+    assert clock_ahead_s(surface, 1000.501) is None
+
+
+def test_an_output_that_is_begun_again_goes_on_with_its_counts() -> None:
+    counts = Counts()
+    assert counts.counter("sent", "Sent.") is counts.counter("sent", "Sent.")
+    assert counts.gauge("open", "Open.") is counts.gauge("open", "Open.")
+    counts.counter("sent", "Sent.").inc()
+    assert counts.registry.get_sample_value("beamtouch_sent_total") == 1.0
+
+
+class Looked:
+    """A surface at which the counts look after each batch, with a clock of its own."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+        self.counts, self.surface = Counts(lambda: self.now_s), surface_of()
+
+    def send(self, boot_id: str, surface: Surface | None = None) -> None:
+        self.now_s += 1.0
+        (surface or self.surface).receive(parsed(TOUCHING, boot_id=boot_id), self.now_s)
+        self.counts.look(surface or self.surface, self.now_s)
+
+
+def test_another_sender_is_logged_once_a_minute_with_the_changes_since(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "beamtouch.service")
+    looked = Looked()
+    looked.counts.look(looked.surface, 1000.0)
+    looked.send("boot-0000")
+    assert caplog.messages == []
+    for number in range(1, 4):
+        looked.send(f"boot-{number:04}")
+    looked.counts.look(looked.surface, looked.now_s)
+    looked.now_s += 60.0
+    looked.send("boot-last")
+    words = "surface press-7: the sender changed to {} (changes since the last line: {})"
+    assert caplog.messages == [words.format("boot-0001", 1), words.format("boot-last", 3)]
+
+
+def test_samples_of_another_beam_are_logged_once_a_minute_for_each_surface(caplog: pytest.LogCaptureFixture) -> None:
+    looked = Looked()
+    for name in ("press-7", "press-7", "press-8"):
+        looked.counts.other_beam(name, "The reason.")
+    looked.now_s += 60.0
+    looked.counts.other_beam("press-7", "The reason.")
+    words = "surface {}: its samples are refused: The reason."
+    assert caplog.messages == [words.format(name) for name in ("press-7", "press-8", "press-7")]
+
+
+def test_batches_that_changed_nothing_are_counted_by_their_reason(bench: Bench) -> None:
+    bench.post(b"{")
+    bench.post(batch_of() | {"beam": "beam-2"})
+    bench.post(batch_of(), "/surfaces/nobody/samples")
+    found = re.findall(r"^beamtouch_batches_rejected_total(.*) 1.0$", bench.metrics(), re.MULTILINE)
+    assert found == [
+        '{kind="malformed-json",surface="press-7"}',
+        '{kind="other-beam",surface="press-7"}',
+        '{kind="unknown-surface",surface=""}',
+    ]
+    assert figures(bench, "problems_total") == {
+        f"problems_total {kind}": 1 for kind in ("malformed-json", "other-beam", "unknown-surface")
+    }
