@@ -135,7 +135,10 @@ def test_the_health_of_a_channel_has_both_bounds(bench: Bench) -> None:
     (surface,) = bench.app.context.registry
     gain = {"gain_percent": 2.5, "gain_low_percent": 2.0, "gain_high_percent": 3.0}
     zero = {"zero_mm": 0.25, "zero_low_mm": 0.125, "zero_high_mm": 0.5}
-    each = {"s1": {**zero, "changed": True}, "s2": {**dict.fromkeys(zero), "changed": False}}
+    each: dict[str, dict[str, object]] = {
+        "s1": {**zero, "changed": True},
+        "s2": {**dict.fromkeys(zero), "changed": False},
+    }
     about: dict[str, object] = {"since": "2026-11-20T23:40:46.123Z", "contacts": 9, "changes": []}
     healths = {name: ChannelHealth.model_validate({**about, **gain, **members}) for name, members in each.items()}
     surface.health = SurfaceHealth(model_of().identity, healths)
