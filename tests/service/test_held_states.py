@@ -2,9 +2,12 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beamtouch_models.runtime import State
+from beamtouch_service.problems import Problem
+from beamtouch_service.samples import Quality
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.estimate import CHUNK, Estimator
 from beamtouch_service.surfaces.follower import Decision, Follower, Judge, Past
@@ -117,6 +120,29 @@ def test_each_run_of_the_graph_is_timed_and_holds_64_samples() -> None:
         assert (len(times_s), len(estimates)) == (runs, count)
         assert all(0 <= took_s < 10 for took_s in times_s)
         assert [one.sample.sequence for one in estimates] == list(range(1, count + 1))
+
+
+def test_of_samples_together_those_with_enough_channels_have_evidence() -> None:
+    """Two, for this model."""
+    batch = parsed(*[TOUCHING] * 4)
+    for sample, stuck in zip(batch.samples, (0, 1, 2, 3), strict=True):
+        sample.quality[:stuck] = [Quality.STUCK] * stuck
+    each = list(Estimator(model_of(), "press-7").estimate(batch, batch.samples))
+    assert [len(one.bad) for one in each] == [0, 1, 2, 3]
+    assert [isinstance(one.evidence, Problem) for one in each] == [False, False, True, True]
+    (problem,) = [one.evidence for one in each if len(one.bad) == 2]
+    assert isinstance(problem, Problem)
+    assert problem.detail == "Only 1 channel works; the model needs 2. Check s1 (stuck), s2 (stuck)."
+
+
+def test_noise_and_readings_make_the_covariance_of_a_sample() -> None:
+    """The noise of a reading squared over their number; of two that contradict each other, the larger one counts."""
+    for noise_mm, counts_mm in ((None, 0.01), ([0.012] * 3, 0.012), ([0.02] * 3, 0.02), ([0.005] * 3, 0.01)):
+        batch = parsed(TOUCHING).model_copy(update={"noise_mm": noise_mm})
+        sample = batch.samples[0].model_copy(update={"readings": 4})
+        (one,) = Estimator(model_of(), "press-7").estimate(batch, [sample])
+        assert one.together.covariance_mm2[0] == pytest.approx(np.eye(3) * counts_mm**2 / 4)
+        assert one.together.noise_mm2[0] == pytest.approx([counts_mm**2 / 4] * 3)
 
 
 @pytest.mark.parametrize(

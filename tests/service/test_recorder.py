@@ -3,11 +3,12 @@
 import asyncio
 import threading
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from sqlalchemy import literal, select
 
 from beamtouch_service.events import boot, recorder
 from beamtouch_service.events.database import EventsAwayError, UnreadableRowError
@@ -264,6 +265,27 @@ async def test_a_stop_makes_durable_what_was_taken(tmp_path: Path) -> None:
         await take(one, surface, *REST, first=2)  # nobody waits for these
     async with recording(events) as one:
         assert await take(one, surface) == (4, 5)
+
+
+async def test_a_stop_leaves_neither_threads_nor_open_files(tmp_path: Path) -> None:
+    path, before = tmp_path / "events.db", set(threading.enumerate())
+    async with recording(EventsSection(file=path)) as one:
+        await take(one, surface_of(), RESTING)
+        await commit(one)
+        assert await one.readers.read(lambda reader: reader.rows(select(literal(1)))) == [(1,)]
+        assert open_files(path)
+    async with asyncio.timeout(PATIENT_S):
+        while set(threading.enumerate()) - before or open_files(path):  # noqa: ASYNC110 - of other threads
+            await asyncio.sleep(0.01)
+
+
+def open_files(path: Path) -> list[str]:
+    """Return the files of a record that this process has open."""
+    found = list[str]()
+    for link in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):  # it is closed meanwhile
+            found.append(str(link.readlink()))
+    return [name for name in found if name.startswith(str(path))]
 
 
 async def test_a_record_that_is_away_is_asked_again_after_a_while_and_a_stop_says_so(

@@ -70,8 +70,9 @@ def test_a_log_that_is_held_is_told_from_its_size_on_and_once_an_hour(
     log = WriteAheadLog(path)
     with closing(holding(path)):
         size = fill(path, connection)
-        monkeypatch.setattr(write_ahead, "WARN_BYTES", size)
-        assert (log.reason_to_wait(connection), caplog.messages) == ("", [])
+        for warn_bytes in (size + 1, size):
+            monkeypatch.setattr(write_ahead, "WARN_BYTES", warn_bytes)
+            assert (log.reason_to_wait(connection), caplog.messages) == ("", [])
         monkeypatch.setattr(write_ahead, "WARN_BYTES", size - 1)
         for _ in range(3):
             assert log.reason_to_wait(connection) == ""

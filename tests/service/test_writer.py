@@ -1,6 +1,7 @@
 """When the writer of the record says that it is away, why, and how often the log does."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,13 @@ from beamtouch_service.sections import EventsSection
 def writer() -> Iterator[Writer]:
     one = Writer(Store(EventsSection()))
     yield one
+    one.end()
+
+
+def test_a_record_that_cannot_be_opened_is_away_from_the_start(tmp_path: Path) -> None:
+    store = Store(EventsSection(file=tmp_path / "nowhere" / "events.db"))
+    one = Writer(store)
+    assert (one.is_away, one.reason, one.outages) == (True, store.away_because, 1)
     one.end()
 
 

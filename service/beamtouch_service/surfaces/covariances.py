@@ -22,9 +22,10 @@ def find_flaws(samples: Sequence[Sample]) -> Iterator[dict[int, str]]:
 
     All samples have the same number of channels.
     """
-    channels = len(samples[0].deflection_mm) if samples else 1
-    together = max(1, _ENTRIES // channels**2)
     stated = [index for index, sample in enumerate(samples) if sample.covariance_mm2 is not None]
+    if not stated:
+        return
+    together = _ENTRIES // len(samples[0].deflection_mm) ** 2
     for begin in range(0, len(stated), together):
         part = stated[begin : begin + together]
         reasons = _flaws([samples[index] for index in part])
