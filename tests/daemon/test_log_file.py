@@ -9,9 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from beamtouch_daemon.delivery import log_store
+from beamtouch_daemon.delivery.log_file import ForeignFileError, LogFile, LogFileError
+from beamtouch_service.events.record import LATE_S
+from beamtouch_service.events.recorder import COMMIT_S
 from beamtouch_service.samples import Batch, Note, Sample
 
-from .publishing import Bench, boot, hang, keep, put_chunks, stored, taken, taken_of
+from .publishing import ROOM, Bench, boot, hang, keep, put_chunks, stored, taken, taken_of
 from .service import Service, serving
 from .waits import until
 
@@ -216,3 +220,158 @@ async def test_a_file_that_is_deleted_or_replaced_in_use_is_begun_anew_and_the_l
         bench.count(5)
     assert sum("was deleted or replaced while in use" in text for text in caplog.messages) == 1
     assert (await recorded(path)).record.numbers() == {"boot-0001": list(range(6, 11))}
+
+
+def batch_of(first: int, number: int, boot_id: str = "boot-0001") -> Batch:
+    samples = [one.sample for one in taken(first, number)]
+    return boot(boot_id).model_copy(update={"samples": samples, "backlog": True})
+
+
+@contextmanager
+def log_file(path: Path, max_bytes: int = ROOM) -> Iterator[LogFile]:
+    file = LogFile(path, max_bytes)
+    file.open()
+    try:
+        yield file
+    finally:
+        file.close()
+
+
+async def test_a_file_holds_as_many_bytes_as_its_limit_and_of_more_the_newest_chunks(tmp_path: Path) -> None:
+    with log_file(tmp_path / "all") as file:
+        rows = file.change([("bench", batch_of(1, 3)), ("other", batch_of(4, 3))], set())
+        assert list(file.rows) == rows == [1, 2]
+        both = sum(file.rows.values())
+    for max_bytes, kept in ((both, rows), (both - 1, rows[1:]), (10, [])):
+        with log_file(tmp_path / f"at most {max_bytes}", max_bytes) as file:
+            assert file.change([("bench", batch_of(1, 3)), ("other", batch_of(4, 3))], set()) == rows
+            assert list(file.rows) == kept
+            assert [file.read(row) is not None for row in rows] == [row in kept for row in rows]
+
+
+async def test_a_change_keeps_the_rows_that_are_named_and_adds_others(tmp_path: Path) -> None:
+    with log_file(tmp_path / "samples") as file:
+        file.change([("bench", batch_of(number, 1)) for number in (1, 2, 3)], set())
+        assert file.change([("bench", batch_of(4, 1))], {1, 3}) == [4]
+        assert file.read(2) is None
+        assert file.read(3) == batch_of(3, 1)
+        assert file.change([], {3}) == []
+        assert list(file.rows) == [3]
+    with log_file(tmp_path / "samples") as file:
+        assert file.change([("bench", batch_of(5, 1))], {3}) == [5]  # no number is used twice
+
+
+async def test_a_file_is_read_with_the_surface_and_the_first_chunk_of_each_boot(tmp_path: Path) -> None:
+    chunks = [
+        ("bench", batch_of(1, 2)),
+        ("bench", batch_of(3, 2)),
+        ("other", batch_of(1, 2)),
+        ("bench", batch_of(1, 2, "boot-0002")),
+    ]
+    with log_file(tmp_path / "samples") as file:
+        file.change(chunks, set())
+    file = LogFile(tmp_path / "samples", ROOM)
+    assert not file.is_open
+    found = file.open()
+    assert file.is_open
+    assert [(surface, chunk, example.boot_id, example.samples[0].sequence) for surface, chunk, example in found] == [
+        ("bench", (1, 1, 2), "boot-0001", 1),
+        ("bench", (2, 3, 4), "boot-0001", 1),
+        ("other", (3, 1, 2), "boot-0001", 1),
+        ("bench", (4, 1, 2), "boot-0002", 1),
+    ]
+    file.close()
+    assert not file.is_open
+    with pytest.raises(LogFileError, match="is not open"):
+        file.read(1)
+
+
+async def test_the_journal_has_room_for_deletions_on_a_full_disk_and_does_not_grow_at_each_start(
+    tmp_path: Path,
+) -> None:
+    for _ in range(3):
+        with log_file(tmp_path / "samples") as file:
+            file.change([("bench", batch_of(1, 1))], set())
+            assert (tmp_path / "samples-journal").stat().st_size == 65_536
+
+
+@pytest.mark.parametrize("content", [b"a text\n", b"SQLite format 4\0" * 300])
+async def test_a_file_that_never_was_a_log_is_refused_and_keeps_its_name(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "samples"
+    path.write_bytes(content)
+    with pytest.raises(ForeignFileError, match="samples is not a log; choose another file"):
+        LogFile(path, ROOM).open()
+    assert (path.read_bytes(), path.with_name("samples.damaged").exists()) == (content, False)
+
+
+@pytest.mark.parametrize(
+    ("content", "has_journal"),
+    [(b"a text\n" * 300, True), (b"SQLite format 3\0" + bytes(2000), False), (bytes(4096), False)],
+)
+async def test_a_file_that_was_a_log_is_damaged(tmp_path: Path, content: bytes, has_journal: bool) -> None:
+    path = tmp_path / "samples"
+    path.write_bytes(content)
+    if has_journal:
+        path.with_name("samples-journal").touch()
+    with pytest.raises(
+        LogFileError, match=r"^the file is damaged \(.*\); `sqlite3 .*/samples\.damaged \.recover` shows"
+    ):
+        LogFile(path, ROOM).open()
+    assert path.with_name("samples.damaged").read_bytes() == content
+
+
+async def test_a_file_that_was_cut_off_to_nothing_begins_anew(tmp_path: Path) -> None:
+    (tmp_path / "samples").touch()
+    with log_file(tmp_path / "samples") as file:
+        assert file.change([("bench", batch_of(1, 1))], set()) == [1]
+
+
+async def test_the_database_of_another_program_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "samples"
+    with opened(path) as database:
+        database.execute("CREATE TABLE people (name TEXT)")
+    with pytest.raises(ForeignFileError, match="is the database of another program or of another version"):
+        LogFile(path, ROOM).open()
+    # An empty one is taken.
+    empty = tmp_path / "empty"
+    with opened(empty) as database:
+        database.execute("PRAGMA user_version = 7")
+    with log_file(empty) as file:
+        assert file.rows == {}
+
+
+async def test_a_file_in_use_says_so(tmp_path: Path) -> None:
+    with log_file(tmp_path / "samples"):
+        other = LogFile(tmp_path / "samples", ROOM)
+        with pytest.raises(LogFileError, match=r"cannot be opened \(in use by another process\)$"):
+            other.open()
+        assert not other.is_open
+    nowhere = tmp_path / "nowhere" / "samples"
+    with pytest.raises(LogFileError, match=r"nowhere/samples cannot be opened \(unable to open database file\)$"):
+        LogFile(nowhere, ROOM).open()
+
+
+async def test_what_is_not_durable_after_5_s_goes_to_the_file_but_what_a_live_batch_brings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The record makes it durable a second earlier."""
+    assert (log_store.WRITE_S, log_store.MEMORY_S) == (1.0, 5.0)
+    assert LATE_S + COMMIT_S + 1.0 <= log_store.MEMORY_S
+    monkeypatch.setattr(log_store, "WRITE_S", 0.01)
+    async with stored(tmp_path / "samples") as store:
+        held = {}
+        for name, age_s, brought in (("young", 4.0, 3), ("old", 5.01, 3), ("partly", 5.01, 1)):
+            one = held[name] = store.surface(name).begin(boot(), 100)
+            one.put(taken(1, 3, age_s))
+            one.live.begin(1, brought)
+            one.live.end(1)
+        writing = asyncio.ensure_future(store.run())
+        await until(lambda: held["old"].log.on_disk == 3)
+        writing.cancel()
+        assert {name: (one.log.on_disk, one.log.in_memory) for name, one in held.items()} == {
+            "young": (0, 3),
+            "old": (3, 0),
+            "partly": (1, 2),
+        }
+        await store.write(None)
+        assert [one.log.in_memory for one in held.values()] == [0, 0, 0]
