@@ -172,6 +172,58 @@ def test_channels_of_a_surface_without_a_model_are_out_too() -> None:
     assert list(surface.channels_out.now) == ["s2"]
 
 
+def test_a_pause_between_samples_counts_for_the_limit_of_age_at_most() -> None:
+    """In the time for which a channel has been out."""
+    for count, is_out in ((2, False), (3, True)):
+        surface = surface_of(section=SurfaceSection(degraded_after_s=0.9))
+        quality = ["good", "stuck", "good"]
+        surface.receive(parsed(*[TOUCHING] * count, quality=quality, every_us=10_000_000), NOW_S)
+        assert surface.channels_out.any is is_out
+
+
+def test_what_a_technician_must_come_for_is_no_reason_for_others() -> None:
+    surface = surface_of(section=SurfaceSection(degraded_after_s=0.004))
+    surface.receive(parsed(*[TOUCHING] * 2, quality=["good", "stuck", "good"]), NOW_S)
+    answer = surface.answer(NOW_S)
+    assert not isinstance(answer, Problem)
+    assert answer.notes == ["degraded", "unchecked"]
+    contact = surface.contact(NOW_S)
+    assert (contact.quality, contact.degraded_channels) == ("degraded", ["s2"])
+    found = [surface.unready(NOW_S, healthy=healthy) for healthy in (False, True)]
+    assert [problem and problem.kind for problem in found] == [None, Kind.CHANNELS_OUT]
+    surface.adopt(model_of("other"))  # it may have other channels
+    assert not surface.channels_out.any
+    surface = surface_of()
+    surface.receive(parsed(TOUCHING).model_copy(update={"notes": ["zeros"]}), NOW_S)
+    found = [surface.unready(NOW_S, healthy=healthy) for healthy in (False, True)]
+    assert [problem and problem.kind for problem in found] == [None, Kind.ZEROS_MOVED]
+
+
+def test_two_daemons_are_noted_by_their_live_samples() -> None:
+    surface, now_s = surface_of(), NOW_S
+    for number in range(1, 9):
+        for boot_id in ("boot-0001", "boot-0002"):
+            now_s += 0.1
+            backlog = parsed(boot_id=f"{boot_id}-old", sequence=number)
+            backlog = backlog.model_copy(update={"backlog": True, "newest_age_ms": None})
+            surface.receive(backlog, now_s, "elsewhere")
+            surface.receive(parsed(TOUCHING, boot_id=boot_id, sequence=number), now_s, f"at {boot_id}")
+            surface.receive(parsed().model_copy(update={"samples": []}), now_s, "asking")
+    assert surface.rivals.at(now_s) == ("at boot-0001", "at boot-0002")
+    answer = surface.answer(now_s)
+    assert not isinstance(answer, Problem)
+    assert answer.notes == ["senders"]
+
+
+def test_a_misfit_has_two_decimals() -> None:
+    surface = surface_of()
+    surface.receive(parsed([0.5, 0.25, 0.251234]), NOW_S)
+    answer = surface.answer(NOW_S)
+    assert not isinstance(answer, Problem)
+    assert answer.misfit == (1.23, 30.0)
+    assert surface.contact(NOW_S).misfit == 1.23
+
+
 CHANGED = ChannelHealth(
     gain_percent=9.0, gain_low_percent=8.0, gain_high_percent=10.0, zero_mm=None, zero_low_mm=None, zero_high_mm=None,
     since="2026-11-20T23:40:46.123Z", contacts=9, changed=True, changes=[],
@@ -216,6 +268,14 @@ def test_a_name_that_nobody_has_is_repeated_up_to_the_length_of_a_name() -> None
     assert caught.value.problem.kind is Kind.SURFACE_REQUIRED
     assert caught.value.problem.detail == "Name one of press-7, press-8, as in /contact?surface=press-7."
     assert Registry([surface_of()]).chosen(None).name == "press-7"
+
+
+def test_without_a_surface_nothing_can_be_asked() -> None:
+    registry = Registry([])
+    for ask in (lambda: registry.named("a"), lambda: registry.chosen(None), lambda: registry.require_ready(NOW_S, {})):
+        with pytest.raises(ProblemError) as caught:
+            ask()
+        assert caught.value.problem.kind is Kind.NO_SURFACE
 
 
 def test_what_is_not_ready_is_listed_with_the_reason_of_each() -> None:
