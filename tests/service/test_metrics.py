@@ -1,6 +1,8 @@
 """What `GET /metrics` says, written by hand for a few moments in the life of a surface."""
 
 import re
+from collections import Counter
+from typing import Unpack
 
 import pytest
 
@@ -8,8 +10,7 @@ from beamtouch_common.zones import Zone
 from beamtouch_service.api.counts import Counts, clock_ahead_s
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.channels import ChannelHealth, SurfaceHealth
-from beamtouch_service.surfaces.surface import Surface
-from service.bench import START_US, Bench, batch_of, parsed, surface_of, surface_with
+from service.bench import START_US, BatchOptions, Bench, Row, batch_of, parsed, surface_of, surface_with
 from service.event_story import HARDER, ODD, RESTING, TOUCHING
 from support.surfaces.small_model import model_of
 
@@ -195,29 +196,132 @@ def test_an_output_that_is_begun_again_goes_on_with_its_counts() -> None:
 class Looked:
     """A surface at which the counts look after each batch, with a clock of its own."""
 
-    def __init__(self) -> None:
+    def __init__(self, section: SurfaceSection | None = None) -> None:
         self.now_s = 1000.0
-        self.counts, self.surface = Counts(lambda: self.now_s), surface_of()
+        self.counts, self.surface = Counts(lambda: self.now_s), surface_of(section=section)
+        self._numbers = Counter[str]()
 
-    def send(self, boot_id: str, surface: Surface | None = None) -> None:
-        self.now_s += 1.0
-        (surface or self.surface).receive(parsed(TOUCHING, boot_id=boot_id), self.now_s)
-        self.counts.look(surface or self.surface, self.now_s)
+    def send(self, *rows: Row, step_s: float = 1.0, **more: Unpack[BatchOptions]) -> None:
+        """Send the next samples of a boot, from an address of its own."""
+        self.now_s += step_s
+        rows, boot_id = rows or (TOUCHING,), more.get("boot_id", "boot-0001")
+        more["sequence"] = self._numbers[boot_id] + 1
+        self._numbers[boot_id] += len(rows)
+        self.surface.receive(parsed(*rows, **more), self.now_s, f"at {boot_id}")
+        self.counts.look(self.surface, self.now_s)
 
 
 def test_another_sender_is_logged_once_a_minute_with_the_changes_since(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO", "beamtouch.service")
     looked = Looked()
     looked.counts.look(looked.surface, 1000.0)
-    looked.send("boot-0000")
+    looked.send(boot_id="boot-0000")
     assert caplog.messages == []
     for number in range(1, 4):
-        looked.send(f"boot-{number:04}")
+        looked.send(boot_id=f"boot-{number:04}")
     looked.counts.look(looked.surface, looked.now_s)
     looked.now_s += 60.0
-    looked.send("boot-last")
+    looked.send(boot_id="boot-last")
     words = "surface press-7: the sender changed to {} (changes since the last line: {})"
     assert caplog.messages == [words.format("boot-0001", 1), words.format("boot-last", 3)]
+
+
+SINCE = "2026-11-20T23:40:46.123Z"
+NO_CLOCK = r"the clock of its daemon"
+
+
+def said(caplog: pytest.LogCaptureFixture) -> list[str]:
+    """Return what was said of the surface, but of its clock."""
+    found = [line.removeprefix("surface press-7: ") for line in caplog.messages if NO_CLOCK not in line]
+    caplog.clear()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("quality", "words"),
+    [
+        ("missing", "missing since {} (over 0.5 s); check its cable, its supply and its module"),
+        ("stuck", "stuck since {} (over 0.5 s); its counts do not change: check its cable and the sensor"),
+        (
+            "saturated",
+            "saturated since {} (over 0.5 s); its counts stand at the end of the ADC: check its wiring, its supply "
+            "and its gap",
+        ),
+        (
+            "out-of-range",
+            "out of range since {} (over 0.5 s); check whether the sensor has moved, or something lies on the beam",
+        ),
+    ],
+)
+def test_a_channel_that_goes_out_and_comes_back_is_logged_once_each(
+    caplog: pytest.LogCaptureFixture, quality: str, words: str
+) -> None:
+    caplog.set_level("INFO", "beamtouch.service")
+    looked = Looked(SurfaceSection(degraded_after_s=0.5))
+    bad = ["good", "good", quality]
+    looked.send(quality=bad)
+    assert said(caplog) == []
+    for _ in range(3):
+        looked.send(quality=bad)
+    assert said(caplog) == [f"channel s3 has been {words.format(SINCE)}"]
+    for _ in range(2):
+        looked.send()
+    assert said(caplog) == [f"channel s3 is good again; it had been out since {SINCE}"]
+
+
+def test_a_stretch_that_lasts_too_long_is_logged_once_with_what_to_look_for(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "beamtouch.service")
+    looked = Looked(SurfaceSection(unexplained_after_s=0.5))
+    for _ in range(2):
+        looked.send(RESTING, *[ODD] * 3)
+        assert said(caplog) == []
+        for _ in range(3):
+            looked.send(ODD)
+        (line,) = said(caplog)
+        assert line.startswith("since 2026-11-20T23:40:46.138Z neither rest nor a single contact explains the samples")
+        assert "(over 0.5 s); look for a second load, for anything that touches the beam from below" in line
+        looked.send(*[RESTING] * 4)
+    assert said(caplog) == []
+
+
+def test_two_daemons_are_logged_once_an_hour_and_when_one_is_left(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level("INFO", "beamtouch.service")
+    looked = Looked()
+
+    def quarrel() -> list[str]:
+        for boot_id in ("boot-0001", "boot-0002") * 8:
+            looked.send(boot_id=boot_id, step_s=0.1)
+        return [line for line in said(caplog) if "sender changed" not in line]
+
+    line = "two daemons send its samples, from at boot-0001 and from at boot-0002; stop one of them"
+    assert quarrel() == [line]
+    assert quarrel() == []
+    looked.send(boot_id="boot-0001", step_s=3000.0)
+    assert "one daemon sends its samples again" in said(caplog)
+    assert quarrel() == []
+    looked.now_s += 3600.0 - 3000.0
+    assert quarrel() == [line]
+
+
+@pytest.mark.parametrize(("ahead_s", "words"), [(59.0, None), (61.0, "61 s ahead of"), (-61.0, "61 s behind")])
+def test_a_clock_of_a_daemon_that_is_a_minute_off_is_logged_once_an_hour(
+    caplog: pytest.LogCaptureFixture, ahead_s: float, words: str | None
+) -> None:
+    looked = Looked()
+    begin_us = START_US + round(ahead_s * 1e6)
+    looked.send(begin_us=begin_us)
+    looked.send(begin_us=begin_us)
+    line = (
+        f"surface press-7: the clock of its daemon is {words} that of this machine; events have the time of the daemon"
+    )
+    assert caplog.messages == ([] if words is None else [line])
+    looked.now_s += 3598.0
+    looked.send(begin_us=begin_us, step_s=0.9)
+    assert len(caplog.messages) == (words is not None)
+    looked.send(begin_us=begin_us, step_s=0.2)
+    assert len(caplog.messages) == 2 * (words is not None)
 
 
 def test_samples_of_another_beam_are_logged_once_a_minute_for_each_surface(caplog: pytest.LogCaptureFixture) -> None:
