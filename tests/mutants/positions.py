@@ -143,8 +143,9 @@ def sample(root: Path, files: Sequence[str], count: int, seed: int) -> tuple[lis
             break
         name, occurrence = drawn.choice(choices)
         text = (root / file).read_text()
-        mutated = mutate_code(text, of_all[name], occurrence)
-        with contextlib.suppress(SyntaxError):  # the star between parameters is no product
+        # The star between parameters is no product, and exceptions of a module no name that could be replaced.
+        with contextlib.suppress(SyntaxError, AttributeError):
+            mutated = mutate_code(text, of_all[name], occurrence)
             compile(mutated, file, "exec")
             before, after = _changed(text, mutated)
             mutants.append(Mutant(file, start[0], end[0], name.rpartition("/")[2], before, after, mutated))
