@@ -287,3 +287,18 @@ def test_a_drift_that_is_over_is_soon_forgotten_however_long_it_was() -> None:
         at_s += 0.1
         hurry.add(at_s, 0.1, np.full(3, 0.12), np.full(3, 1e-5), strains=False)
     assert hurry.hurried is None
+
+
+def test_the_last_rest_is_stated_as_it_was_given_with_the_time_since() -> None:
+    """For the next start of a daemon."""
+    rested = Rested(3.0, (3e-4, 0.0, -2e-4, 1e-4), (0.002, 0.001, 0.003, 0.004))
+    tracking = Zeros(WALK, RATE_HZ, NOISE_MM, 0.0, 0.0, CHANNELS, rested)
+    assert tracking.rested.ago_s == 3.0
+    assert tracking.rested.zero_mm == rested.zero_mm
+    assert tracking.rested.deviation_mm == pytest.approx(rested.deviation_mm)
+    tracking.track(np.full((100, CHANNELS), np.nan))  # lost readings are time, too
+    assert tracking.rested.ago_s == 3.5
+    assert tracking.rested.zero_mm == rested.zero_mm
+    _, _, tracked = play(10.0, tracking=tracking)
+    assert 0.0 <= tracking.rested.ago_s <= 1.0
+    assert tracking.rested.zero_mm == pytest.approx(tuple(tracked.zero_mm[-1]), abs=1e-3)

@@ -1,8 +1,19 @@
 """Properties of the messages to a broker."""
 
+from contextlib import suppress
+from pathlib import Path
+
 import pytest
 
-from beamtouch_service.outputs.mqtt.messages import JSON, properties
+from beamtouch_service.access import Access
+from beamtouch_service.outputs.mqtt.connection import BrokerError
+from beamtouch_service.outputs.mqtt.contacts import ContactSender
+from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
+from beamtouch_service.outputs.mqtt.pace import Pace
+from beamtouch_service.outputs.mqtt.publisher import make
+from beamtouch_service.outputs.mqtt.section import MqttSection
+from service.bench import Bench, parsed
+from service.event_story import TOUCHING
 
 
 @pytest.mark.promise(
@@ -16,3 +27,50 @@ def test_a_contact_expires_at_the_broker_with_the_limit_of_its_surface(stale_ms:
 
 def test_an_event_does_not_expire() -> None:
     assert "MessageExpiryInterval" not in vars(properties(JSON))
+
+
+@pytest.mark.parametrize(
+    ("has_password", "has_tls", "is_told"), [(False, False, False), (True, False, True), (True, True, False)]
+)
+def test_a_password_without_tls_is_warned_of(tmp_path: Path, has_password: bool, has_tls: bool, is_told: bool) -> None:
+    (tmp_path / "password").write_text("a long password\n")
+    password = {"username": "u", "password_file": tmp_path / "password"} if has_password else {}
+    section = MqttSection.model_validate({"host": "broker", "tls": has_tls} | password)
+    warnings = make(section, ["press-7"], Access()).warnings
+    assert [words.partition(":")[0] for words in warnings] == ["no TLS to the MQTT broker"] * is_told
+
+
+class Broker:
+    """A broker that takes so long to answer, or does not."""
+
+    def __init__(self, bench: Bench, after_s: float, *, answers: bool) -> None:
+        self._bench, self._after_s, self._answers = bench, after_s, answers
+
+    async def confirm(self) -> None:
+        self._bench.now_s += self._after_s
+        if not self._answers:
+            raise BrokerError("no answer")
+
+
+@pytest.mark.parametrize(
+    ("age_s", "after_s", "answers", "dropped"),
+    [
+        (0.0, 0.5, True, 0.0),
+        (0.0, 0.51, True, 1.0),
+        (0.0, 0.1, False, 1.0),
+        (0.6, 0.1, True, 0.0),  # it was too old before
+        (0.6, 0.1, False, 0.0),
+    ],
+)
+@pytest.mark.anyio
+async def test_a_contact_that_became_too_old_while_the_broker_did_not_answer_is_counted(
+    bench: Bench, age_s: float, after_s: float, answers: bool, dropped: float
+) -> None:
+    (surface,) = bench.app.context.registry
+    surface.receive(parsed(TOUCHING), bench.now_s - age_s)
+    counts = bench.app.context.counts
+    sender = ContactSender(bench.app.context, Topics("b"), 10.0, counts.counter("sent", "Sent."))
+    broker = Broker(bench, after_s, answers=answers)
+    with suppress(BrokerError):
+        await sender._confirm(broker, Pace([surface], 10.0))  # type: ignore[arg-type]
+    assert counts.registry.get_sample_value("beamtouch_mqtt_contacts_dropped_total") == dropped
