@@ -247,6 +247,8 @@ async def test_a_file_holds_as_many_bytes_as_its_limit_and_of_more_the_newest_ch
             assert file.change([("bench", batch_of(1, 3)), ("other", batch_of(4, 3))], set()) == rows
             assert list(file.rows) == kept
             assert [file.read(row) is not None for row in rows] == [row in kept for row in rows]
+        with log_file(tmp_path / f"at most {max_bytes}") as file:
+            assert list(file.rows) == kept
 
 
 async def test_a_change_keeps_the_rows_that_are_named_and_adds_others(tmp_path: Path) -> None:
@@ -293,6 +295,10 @@ async def test_the_journal_has_room_for_deletions_on_a_full_disk_and_does_not_gr
         with log_file(tmp_path / "samples") as file:
             file.change([("bench", batch_of(1, 1))], set())
             assert (tmp_path / "samples-journal").stat().st_size == 65_536
+    # One that became longer stays so.
+    (tmp_path / "samples-journal").write_bytes(bytes(70_000))
+    with log_file(tmp_path / "samples") as file:
+        assert len(file.rows) == 1
 
 
 @pytest.mark.parametrize("content", [b"a text\n", b"SQLite format 4\0" * 300])
@@ -342,6 +348,8 @@ async def test_the_database_of_another_program_is_refused(tmp_path: Path) -> Non
 
 async def test_a_file_in_use_says_so(tmp_path: Path) -> None:
     with log_file(tmp_path / "samples"):
+        pass
+    with log_file(tmp_path / "samples"):
         other = LogFile(tmp_path / "samples", ROOM)
         with pytest.raises(LogFileError, match=r"cannot be opened \(in use by another process\)$"):
             other.open()
@@ -349,6 +357,30 @@ async def test_a_file_in_use_says_so(tmp_path: Path) -> None:
     nowhere = tmp_path / "nowhere" / "samples"
     with pytest.raises(LogFileError, match=r"nowhere/samples cannot be opened \(unable to open database file\)$"):
         LogFile(nowhere, ROOM).open()
+
+
+@pytest.mark.parametrize(
+    ("code", "is_damage"),
+    [
+        *((sqlite3.SQLITE_CORRUPT, True), (sqlite3.SQLITE_NOTADB, True), (sqlite3.SQLITE_CORRUPT_INDEX, True)),
+        *((sqlite3.SQLITE_IOERR_READ, True), (sqlite3.SQLITE_IOERR_CORRUPTFS, True)),
+        *((sqlite3.SQLITE_IOERR, False), (sqlite3.SQLITE_IOERR_WRITE, False), (sqlite3.SQLITE_FULL, False)),
+        *((sqlite3.SQLITE_BUSY, False), (sqlite3.SQLITE_READONLY, False), (None, False)),
+    ],
+)
+async def test_what_sqlite_says_is_damage_or_passes(tmp_path: Path, code: int | None, is_damage: bool) -> None:
+    error: Exception = OSError("no such device")
+    if code is not None:
+        error = sqlite3.Error("some words")
+        error.sqlite_errorcode = code
+    with log_file(tmp_path / "samples") as file:
+        with pytest.raises(LogFileError) as caught, file._errors("read"):
+            raise error
+        words = "in use by another process" if code == sqlite3.SQLITE_BUSY else str(error)
+        assert str(caught.value).endswith(f"cannot be read ({words})") is not is_damage
+        assert str(caught.value).startswith(f"the file is damaged ({error})") is is_damage
+        assert file.is_open is not is_damage
+    assert (tmp_path / "samples").exists() is not is_damage
 
 
 async def test_what_is_not_durable_after_5_s_goes_to_the_file_but_what_a_live_batch_brings(

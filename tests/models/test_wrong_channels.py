@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from beamtouch_models.arrays import Floats
+from beamtouch_models.arrays import Bools, Floats, Floats32
 from beamtouch_models.runtime import ModelFile, Suspects, Weighed, Wirings
 from beamtouch_models.runtime.decision.wrong_channels import LeftOut, Wiring, wirings
 from support.surfaces.deflections import deflections_of
@@ -105,3 +106,108 @@ def test_with_two_channels_no_wiring_is_looked_for() -> None:
     noise_mm2 = np.full((1, 2), 1e-4)
     found.add(Weighed(np.array([[0.0, 1.0]]), noise_mm2[:, :, None] * np.eye(2), noise_mm2, np.ones((1, 2), bool)))
     assert found.finding is None
+
+
+PRESSED = Weighed(np.ones((1, 4)), np.eye(4)[None] * 1e-4, np.full((1, 4), 1e-4), np.ones((1, 4), bool))
+"""A settled sample of a contact, of four channels."""
+ODD, EXPLAINED = 300.0, 30.0
+"""Misfits: far beyond the limit, and at it."""
+
+
+class Told:
+    """Contacts of a graph that answers as it is told."""
+
+    def __init__(self, channels: int = 4) -> None:
+        model = model_of(channels=channels)
+        self.names = [channel.name for channel in model.metadata.layout]
+        self.found = Wirings(model.metadata, self.run)
+        self.weights: NDArray[np.floating] = np.zeros(0)
+
+    def run(self, _: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> dict[str, Floats32]:
+        self.weights = whitening_per_mm
+        # What moves is run once more, as if it were still.
+        misfits = np.resize(np.array(self._misfits, np.float32), len(whitening_per_mm))
+        places = np.full(len(misfits), self._place_mm, np.float32)
+        return {"misfit": misfits, "position_mm": places, "contact_log_odds": places}
+
+    def press(self, place_mm: float, asis: float = ODD, **by_wiring: float) -> str | None:
+        """Add a contact with this misfit as it is, and these by the first words of a wiring; else it is odd."""
+        told = [by_wiring.get(wiring.text.split()[0], ODD) for wiring in wirings(self.names)]
+        self._misfits, self._place_mm = [asis, *told], place_mm
+        count = len(self.names)
+        self.found.add(PRESSED if count == 4 else Weighed(*_first(count)))
+        return self.found.finding
+
+
+def _first(count: int) -> tuple[Floats, Floats, Floats, Bools]:
+    one = PRESSED
+    return (
+        one.deflection_mm[:, :count],
+        one.covariance_mm2[:, :count, :count],
+        one.noise_mm2[:, :count],
+        one.valid[:, :count],
+    )
+
+
+INVERTED = "s4 seems to be inverted"
+
+
+@pytest.mark.parametrize(("asis", "finding"), [(270.0, INVERTED), (269.0, None)])
+def test_a_wiring_that_is_put_right_makes_errors_a_third_at_most(asis: float, finding: str | None) -> None:
+    """And misfits a ninth."""
+    told = Told()
+    for place_mm in (100.0, 200.0, 300.0):
+        assert told.found.finding is None
+        told.press(place_mm, asis, s4=EXPLAINED)
+    assert told.found.finding == finding
+
+
+def test_a_contact_that_is_explained_as_it_is_shows_no_wiring() -> None:
+    told = Told()
+    assert [told.press(place_mm, EXPLAINED, s4=0.0) for place_mm in (100.0, 200.0, 300.0)] == [None] * 3
+
+
+def test_a_contact_that_a_wiring_does_not_explain_speaks_against_it() -> None:
+    told = Told()
+    found = [told.press(100.0, s4=1.0), told.press(200.0, s4=1.0), told.press(250.0), told.press(300.0, s4=1.0)]
+    assert found == [None] * 4
+    assert told.press(200.0, s4=1.0) is None
+    assert told.press(100.0, s4=1.0) == INVERTED
+    # Something else that is odd says nothing of a wiring that was found; a contact that is right does.
+    assert told.press(150.0) == INVERTED
+    assert told.press(150.0, 1.0, s4=1.0) == INVERTED
+    assert told.press(150.0, 1.0) is None
+
+
+def test_of_three_channels_a_wiring_must_explain_five_contacts() -> None:
+    for channels, contacts in ((4, 3), (3, 5)):
+        told = Told(channels)
+        last = told.names[-1]
+        found = [told.press(50.0 * number, **{last: 1.0}) for number in range(1, contacts + 1)]
+        assert found == [*[None] * (contacts - 1), f"{last} seems to be inverted"]
+
+
+def test_wirings_are_found_on_a_surface_whose_gains_are_off_by_3_percent() -> None:
+    told = Told()
+    told.press(100.0)
+    # Noise, gain, and the floor of the model: 0.3 % and 2 um.
+    variance_mm2 = 1 / told.weights[0, 0, 0] ** 2
+    assert variance_mm2 == pytest.approx(1e-4 + 0.03**2 + 0.003**2 + 0.002**2, rel=1e-3)
+
+
+def test_a_channel_is_left_out_where_enough_others_check_a_contact() -> None:
+    model = model_of(channels=4)
+    suspects = Suspects(model.metadata, model.run)
+    valid = np.array([[True] * 4, [True, True, False, True]])
+    deflection_mm = np.array([[0.5, 0.25, 0.75, 0.125], [0.5, 0.25, 0.0, 0.125]])
+    noise_mm2 = np.full((2, 4), 1e-6)
+    samples = Weighed(deflection_mm, noise_mm2[:, :, None] * np.eye(4), noise_mm2, valid)
+    whole, few = suspects.leave_out(samples)
+    assert {name: left.explained for name, left in whole.items()} == {"s1": False, "s2": False, "s3": True, "s4": False}
+    assert few == {}
+    # At the noise of the model, or that of the samples if it is larger.
+    for sample_mm2, coarse_mm2 in ((1e-6, 1e-4), (1e-3, 1e-3)):
+        noise_mm2 = np.full((2, 4), sample_mm2)
+        coarse = suspects._coarse(Weighed(deflection_mm, noise_mm2[:, :, None] * np.eye(4), noise_mm2, valid))
+        assert coarse.noise_mm2 == pytest.approx(np.full((2, 4), coarse_mm2))
+        assert coarse.covariance_mm2[0] == pytest.approx(np.eye(4) * coarse_mm2)

@@ -93,6 +93,14 @@ def test_events_are_due_in_the_order_in_which_they_finish(store: Store) -> None:
     assert (event.event.boot_id, event.event.end, event.event.path) == ("boot-0002", "lift", [])
 
 
+def test_an_event_that_goes_on_changes_no_other(store: Store) -> None:
+    writing = Writing(store)
+    for rows in ([*CONTACT, TOUCHING], [TOUCHING], [RESTING]):
+        writing.commit(*rows)
+    found, _ = store.due("one", 9, from_start=True)
+    assert [(one.number, one.event.first_sequence, one.event.last_sequence) for one in found] == [(1, 2, 2), (2, 4, 5)]
+
+
 def test_a_row_that_another_service_wrote_meanwhile_is_left_as_it_is(store: Store) -> None:
     first, second, other = Writing(store), Writing(store), Writing(store, surface="press-8")
     changes = [second.change(*CONTACT), other.change(*CONTACT)]
@@ -135,7 +143,7 @@ def test_of_a_health_only_what_changes_is_written_and_a_race_is_seen(store: Stor
         _, lost = store.commit([Change("press-7", list[BootChange](), [], writing.health)])
         return lost
 
-    first, second = stored(1, a1=[1], a2=[2]), stored(2, a2=[5], a3=[3])
+    first, second = stored(1, a0=[0], a1=[1], a2=[2]), stored(2, a0=[0], a2=[5], a3=[3])
     assert write(StoredHealth(), None) == set()
     assert store.healths() == {}
     assert write(StoredHealth(), first) == set()
@@ -145,3 +153,10 @@ def test_of_a_health_only_what_changes_is_written_and_a_race_is_seen(store: Stor
     assert store.healths() == {"press-7": second}
     assert store.load("press-7", "boot-0001")[1] == second
     assert write(first, second) == {"press-7"}
+    # A surface without a change holds up none of the others.
+    other = HealthHistory("press-8", writing.model, StoredHealth())
+    other.next = replace(first, model="press-8@1")
+    assert write(second, None) == set()
+    store.commit([Change(name, [], [], health) for name, health in (("press-7", writing.health), ("press-8", other))])
+    assert store.healths() == {"press-7": second, "press-8": other.next}
+    assert store.load("press-8", "boot-0001")[1] == other.next

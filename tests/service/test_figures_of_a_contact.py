@@ -2,10 +2,19 @@
 
 from math import inf, nan
 
+import numpy as np
 import pytest
 
 from beamtouch_common.zones import Span
-from beamtouch_service.surfaces.contact import NO_FIGURES, Figures, UnusableEstimateError, figures_of, rfc3339
+from beamtouch_models.runtime import Evidence
+from beamtouch_service.surfaces.contact import (
+    NO_FIGURES,
+    Figures,
+    UnusableEstimateError,
+    figures_of,
+    require_usable,
+    rfc3339,
+)
 
 LENGTH_MM = 400.0
 
@@ -61,3 +70,16 @@ def test_what_is_no_number_is_named(value: float) -> None:
 def test_a_time_has_milliseconds_and_is_cut_rather_than_rounded() -> None:
     assert rfc3339(1_795_218_046_123_999) == "2026-11-20T23:40:46.123Z"
     assert [rfc3339(us) for us in (0, -1)] == ["1970-01-01T00:00:00.000Z", "1969-12-31T23:59:59.999Z"]
+
+
+@pytest.mark.parametrize("name", ["contact_log_odds", "misfit"])
+def test_nothing_is_decided_on_what_is_no_number(name: str) -> None:
+    weights = np.eye(1)
+
+    def evidence(**answer: float) -> Evidence:
+        return Evidence(np.zeros(1), weights, answer, 1, 0.0, False, 0.0, weights, True)
+
+    require_usable(evidence())
+    require_usable(evidence(contact_log_odds=1.0, misfit=2.0))
+    with pytest.raises(UnusableEstimateError, match=f"^{name} is not a finite number$"):
+        require_usable(evidence(**({"contact_log_odds": 1.0, "misfit": 2.0} | {name: nan})))

@@ -12,6 +12,7 @@ from beamtouch_service.samples import Quality
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.estimate import CHUNK, Estimator
 from beamtouch_service.surfaces.follower import Decision, Follower, Judge, Past
+from beamtouch_service.surfaces.unexplained import Overdue, Stretches
 from service.bench import Row, parsed
 from service.event_story import BETWEEN, ODD, RESTING, TOUCHING
 from support.surfaces.small_model import model_of
@@ -110,6 +111,27 @@ def test_samples_of_one_sender_in_order_go_on_and_others_begin_anew() -> None:
     assert states == [State.CONTACT, State.CONTACT]
     for more in ({"numbers": (1, 3)}, {"numbers": (2, 1)}, {"boot_ids": ("boot-0001", "boot-0002")}):
         assert [one.state for one in followed(TOUCHING, BETWEEN, **more)] == [State.CONTACT, State.CLEAR], more
+
+
+def test_a_long_stretch_is_told_once_with_whom_its_samples_suspected_last() -> None:
+    rest, *_, odd = followed(RESTING, ODD, ODD, ODD)
+    since_us = odd.estimate.sample.acquired_unix_us
+    stretches = Stretches(0.5)
+    stretches.add(odd._replace(suspect="s1", shift_mm=0.25), 9.0)  # of the time before it, nothing is known
+    stretches.add(odd, 0.5)
+    assert (stretches.is_overdue, stretches.take_overdue(), stretches.shift_mm) == (False, None, 0.25)
+    stretches.add(odd, 0.001)
+    assert stretches.is_overdue
+    assert stretches.take_overdue() == Overdue(since_us, "s1", 0.25)
+    stretches.add(odd, 1.0)
+    assert stretches.take_overdue() is None
+    assert (stretches.count, round(stretches.total_s, 6)) == (1, 1.501)
+    stretches.add(rest, 1.0)
+    assert (stretches.is_overdue, stretches.shift_mm) == (False, None)
+    for _ in range(2):
+        stretches.add(odd, 0.6)
+    assert stretches.take_overdue() == Overdue(since_us, None, None)
+    assert (stretches.count, round(stretches.total_s, 6)) == (2, 2.101)
 
 
 def test_each_run_of_the_graph_is_timed_and_holds_64_samples() -> None:

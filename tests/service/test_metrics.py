@@ -10,6 +10,8 @@ from beamtouch_common.zones import Zone
 from beamtouch_service.api.counts import Counts, clock_ahead_s
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.channels import ChannelHealth, SurfaceHealth
+from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.unexplained import Overdue
 from service.bench import START_US, BatchOptions, Bench, Row, batch_of, parsed, surface_of, surface_with
 from service.event_story import HARDER, ODD, RESTING, TOUCHING
 from support.surfaces.small_model import model_of
@@ -282,6 +284,39 @@ def test_a_stretch_that_lasts_too_long_is_logged_once_with_what_to_look_for(capl
         assert "(over 0.5 s); look for a second load, for anything that touches the beam from below" in line
         looked.send(*[RESTING] * 4)
     assert said(caplog) == []
+
+
+@pytest.mark.parametrize(
+    ("suspect", "shift_mm", "wiring", "look"),
+    [
+        ("s1", None, None, "check sensor s1: without it, everything is explained"),
+        ("s1", -0.0123, None, "all zeros have moved together by -12.3 um, as in warmth: wait until the surface no"),
+        ("s1", 0.5, "s1 and s2 seem to be swapped", "s1 and s2 seem to be swapped; check the wiring, and the order"),
+    ],
+)
+def test_a_long_stretch_is_logged_with_what_explains_it_best(
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    suspect: str | None,
+    shift_mm: float | None,
+    wiring: str | None,
+    look: str,
+) -> None:
+    looked = Looked(SurfaceSection(unexplained_after_s=0.5))
+    monkeypatch.setattr(looked.surface.stretches, "take_overdue", lambda: Overdue(START_US, suspect, shift_mm))
+    monkeypatch.setattr(Surface, "wiring", wiring)
+    looked.counts.look(looked.surface, 1000.0)
+    line = f"since {SINCE} neither rest nor a single contact explains the samples (over 0.5 s); {look}"
+    assert said(caplog)[0].startswith(line)
+
+
+def test_without_a_surface_the_families_are_there_and_parts_that_failed_are_counted() -> None:
+    bench = Bench()
+    bench.app.context.parts.failures["mqtt"] = 2
+    assert figures(bench, "part_failures_total") == table("part_failures_total mqtt 2")
+    families = re.findall(r"^# TYPE beamtouch_(\w+) ", bench.metrics(), re.MULTILINE)
+    assert {"samples_accepted_total", "state", "zone", "channel_out", "gain_change_percent"} <= set(families)
+    assert len(families) == len(set(families))
 
 
 def test_two_daemons_are_logged_once_an_hour_and_when_one_is_left(

@@ -8,7 +8,9 @@ from beamtouch_models.runtime.metadata import Thresholds
 from beamtouch_service.surfaces.warmth import Warmth, shift_of
 
 LIMIT = 64.0
-THRESHOLDS = Thresholds(touch=[1.0] * 4, rest=[1.0, 1.0, LIMIT, LIMIT], misfit=[1.0] * 4, false_contacts_per_day=1.0)
+THRESHOLDS = Thresholds(
+    touch=[1.0] * 4, rest=[1.0, 1.0, LIMIT / 2, LIMIT], misfit=[1.0] * 4, false_contacts_per_day=1.0
+)
 
 
 def sample(*deflection_mm: float, channels: int = 4) -> Evidence:
