@@ -141,7 +141,7 @@ def test_a_boot_goes_on_from_its_cursor() -> None:
 def test_a_cursor_that_cannot_be_gone_on_from_ends_its_event_and_says_so(
     caplog: pytest.LogCaptureFixture, damage: str
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     cursor = cursor_of(add(begun(), RESTING, TOUCHING), model=damage if "@" in damage else "")
     cursor.memory.pop(damage, None)
     boot = begun(durable=2)

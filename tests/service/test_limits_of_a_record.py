@@ -71,7 +71,7 @@ def test_an_event_goes_once_it_is_older_than_the_limit(store: Store) -> None:
 def test_at_a_look_a_twentieth_of_the_events_goes_and_at_least_a_hundred(
     store: Store, caplog: pytest.LogCaptureFixture, count: int, parts: list[int]
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     limited = Limited(store)
     limited.put(count)
     assert [limited.look(DAY_S + 1 + number).old for number in range(len(parts))] == parts
@@ -82,7 +82,7 @@ def test_at_a_look_a_twentieth_of_the_events_goes_and_at_least_a_hundred(
 
 
 def test_that_all_old_events_are_gone_is_no_warning(store: Store, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     limited = Limited(store, keep_days=1.5)
     limited.put(3)
     assert limited.look(1.5 * DAY_S + 1) == Deleted(3, are_more_old=False, oversize=0)

@@ -214,7 +214,7 @@ class Looked:
 
 
 def test_another_sender_is_logged_once_a_minute_with_the_changes_since(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     looked = Looked()
     looked.counts.look(looked.surface, 1000.0)
     looked.send(boot_id="boot-0000")
@@ -258,7 +258,7 @@ def said(caplog: pytest.LogCaptureFixture) -> list[str]:
 def test_a_channel_that_goes_out_and_comes_back_is_logged_once_each(
     caplog: pytest.LogCaptureFixture, quality: str, words: str
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     looked = Looked(SurfaceSection(degraded_after_s=0.5))
     bad = ["good", "good", quality]
     looked.send(quality=bad)
@@ -272,7 +272,7 @@ def test_a_channel_that_goes_out_and_comes_back_is_logged_once_each(
 
 
 def test_a_stretch_that_lasts_too_long_is_logged_once_with_what_to_look_for(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     looked = Looked(SurfaceSection(unexplained_after_s=0.5))
     for _ in range(2):
         looked.send(RESTING, *[ODD] * 3)
@@ -322,7 +322,7 @@ def test_without_a_surface_the_families_are_there_and_parts_that_failed_are_coun
 def test_two_daemons_are_logged_once_an_hour_and_when_one_is_left(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     looked = Looked()
 
     def quarrel() -> list[str]:
@@ -382,3 +382,13 @@ def test_batches_that_changed_nothing_are_counted_by_their_reason(bench: Bench) 
     assert figures(bench, "problems_total") == {
         f"problems_total {kind}": 1 for kind in ("malformed-json", "other-beam", "unknown-surface")
     }
+
+
+def test_a_part_that_fails_is_the_reason_for_its_section(bench: Bench) -> None:
+    context = bench.app.context
+    context.missing["mqtt"] = "no broker"
+    context.parts.failing |= {"mqtt": "", "upkeep": "", "modbus": "a bug"}
+    assert context.reasons() == {"mqtt": "no broker", "events": "", "upkeep": "", "modbus": "a bug"}
+    context.parts.failing["mqtt"] = "another bug"
+    assert context.reasons()["mqtt"] == "another bug"
+    assert figures(bench, "missing") == table("missing mqtt 1, missing events 0, missing upkeep 0, missing modbus 1")

@@ -156,16 +156,29 @@ async def test_a_commit_that_fails_makes_the_record_away_until_one_succeeds(
 ) -> None:
     surface = surface_of()
     async with recording() as one:
-        assert await take(one, surface, *REST) == (0, 4)
+        assert await take(one, surface, RESTING, TOUCHING, RESTING) == (0, 4)
         mend = breaking(monkeypatch, one, "commit", error)
         await commit(one)
         await asyncio.sleep(0)
-        assert (one.away_because, one.outages) == (reason, 1)
-        assert await take(one, surface) == (0, 4)
+        assert (one.away_because, one.outages, one.waiting) == (reason, 1, {"press-7": 3})
         mend()
         await asyncio.wait([one.commit()])  # what failed is due at once
-        assert (one.away_because, one.outages) == ("", 1)
-        assert await take(one, surface) == (3, 4)
+        assert (one.away_because, one.outages, one.waiting) == ("", 1, {"press-7": 0})
+        found, _ = await one.write(lambda store: store.due("line-3", 9, from_start=True))
+        assert [event.event.end for event in found] == ["lift"]
+
+
+async def test_a_health_that_cannot_be_read_is_read_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    surface = surface_of()
+    async with recording() as one:
+        one.watch(surface)
+        mend = breaking(monkeypatch, one, "healths", EventsAwayError("no route"))
+        await commit(one)
+        assert (one.away_because, surface.health) == ("no route", None)
+        mend()
+        await commit(one)
+        assert one.away_because == ""
+        assert surface.health is not None
 
 
 async def test_samples_that_moved_the_answer_are_not_weighed_again_if_all_of_them_did() -> None:

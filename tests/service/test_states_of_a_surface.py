@@ -124,7 +124,7 @@ def test_samples_of_another_beam_are_the_reason_once_the_contact_is_stale_if_the
 
 def test_a_batch_says_which_channels_are_offered_unless_it_is_a_backlog() -> None:
     surface, ages_s = surface_of(), list[float]()
-    surface.on_arrival = ages_s.append
+    surface.arrivals.add(ages_s.append)
     backlog = parsed(channels=["s3", "s2", "s1"]).model_copy(update={"backlog": True, "newest_age_ms": None})
     surface.receive(backlog, NOW_S)
     assert (surface.offered, surface.newest, ages_s) == (None, None, [])
@@ -147,7 +147,7 @@ def test_samples_that_moved_the_answer_need_not_be_weighed_again_under_the_same_
 
 def test_after_each_batch_that_moved_the_answer_and_no_other_it_is_said() -> None:
     surface, said = surface_of(), list[int]()
-    surface.on_fresh = lambda one: said.append(one.newest.sample.sequence if one.newest else 0)
+    surface.moves.add(lambda one: said.append(one.newest.sample.sequence if one.newest else 0))
     for first in (1, 1, 3):
         surface.receive(parsed(RESTING, TOUCHING, sequence=first), NOW_S)
     assert said == [2, 4]

@@ -31,7 +31,7 @@ BACK = "the record of events is back after "
 def test_an_outage_is_said_at_its_begin_and_at_its_end_and_counted(
     writer: Writer, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     writer.note("")
     assert (writer.is_away, writer.reason, writer.outages, caplog.messages) == (False, "", 0, [])
     for reason in ("disk full", "disk full", "no route"):
@@ -48,7 +48,7 @@ def test_an_outage_is_said_at_its_begin_and_at_its_end_and_counted(
 def test_a_surface_whose_rows_are_damaged_is_a_reason_and_the_rest_goes_on(
     writer: Writer, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("INFO", "beamtouch.service")
+    caplog.set_level("INFO", "beamtouch_service")
     writer.note_damage("press-7", "a row")
     writer.note_damage("press-8", "another row")
     assert (writer.is_away, writer.reason, writer.outages) == (False, "a row", 1)
