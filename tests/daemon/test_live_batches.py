@@ -46,13 +46,14 @@ class Sender:
         """The samples of the next batch."""
         return [one.sample.sequence for one in self.live._samples()]
 
-    async def send(self, number: int = 1) -> float:
-        """Send this many new samples; return how long the next batch waits [s], at least 0."""
-        samples = taken(self.boot.log.next, number)
+    async def send(self, wait_s: float = -inf) -> None:
+        """Send a new sample, after which the next batch waits for so long [s]."""
+        samples, begin_s = taken(self.boot.log.next, 1), monotonic()
         self.boot.put(samples)
         self.boot.live.begin(samples[0].sample.sequence, samples[-1].sample.sequence)
         await self.live._send(samples)
-        return max(0.0, self.live._next_s() - monotonic())
+        assert self.live._next_s() - monotonic() <= max(wait_s, 0.0)
+        assert self.live._next_s() - begin_s >= wait_s
 
 
 @asynccontextmanager
@@ -119,12 +120,11 @@ async def test_a_live_batch_begins_with_the_gap_of_the_record_if_a_request_holds
 async def test_after_a_failure_the_next_live_batch_waits_a_second_at_most() -> None:
     async with serving(Service()) as service, sender(url=service.url) as one:
         one.boot.due_s = 60.0
-        assert await one.send() == 0.0
+        await one.send()
         assert one.boot.due_s == 60.0
         service.statuses = [503] * 6
-        waits_s = [await one.send() for _ in range(6)]
-        for wait_s, most_s in zip(waits_s, (0.1, 0.2, 0.4, 0.8, 1.0, 1.0), strict=True):
-            assert 0.5 * most_s < wait_s <= most_s
+        for wait_s in (0.1, 0.2, 0.4, 0.8, 1.0, 1.0):
+            await one.send(wait_s)
         assert (one.boot.live_failed, one.boot.live.in_flight) == (True, 0)
         one.boot.due_s = monotonic() + 60.0
         await one.send()
@@ -133,7 +133,7 @@ async def test_after_a_failure_the_next_live_batch_waits_a_second_at_most() -> N
         await one.send()
         assert one.boot.due_s == 60.0
         service.statuses = [503]
-        assert 0.0 < await one.send() <= 0.1
+        await one.send(0.1)
 
 
 async def test_the_time_of_a_batch_that_was_taken_is_that_from_its_sending_to_its_answer() -> None:
@@ -171,7 +171,7 @@ async def test_what_is_refused_is_said_once_for_each_reason_until_it_is_taken_ag
 ) -> None:
     caplog.set_level("INFO")
     async with serving(Service()) as service, ServiceClient(service.url, TOKEN) as client:
-        one, refusals = Sender(client), [(401, "unauthorized"), (401, "unauthorized"), (422, "missing-channels")]
+        one, refusals = Sender(client), [(422, "missing-channels"), (422, "missing-channels"), (401, "unauthorized")]
         batch = one.boot.log.batch(taken(1, 1))
         for refusal in refusals:
             service.problem_of = refusing(*refusal)
@@ -181,8 +181,8 @@ async def test_what_is_refused_is_said_once_for_each_reason_until_it_is_taken_ag
             await send(client, one.logs, one.boot, batch)
     wait = "bench: the samples of boot boot-0001 wait, the service does not take them"
     assert caplog.messages == [
-        f"{wait} (status 401: wrong token; correct publish.token_file and restart)",
         f"{wait} (status 422: No.)",
+        f"{wait} (status 401: wrong token; correct publish.token_file and restart)",
         "bench: the service takes the samples of boot boot-0001 again",
     ]
 
@@ -199,11 +199,70 @@ async def test_a_line_that_is_thin_is_said_while_the_record_lacks_more_than_a_re
             one.boot.live.begin(missing + 1, MOST + 1)  # what it brings is not missing
             one.boot.pace.is_thin, one.boot.pace.most = is_thin, MOST
             await send(one.live._client, one.logs, one.boot, asking)
-        assert len(caplog.messages) == 1
+            assert len(caplog.messages) == (missing > MOST and is_thin)
         assert f"requests hold at most {MOST} samples, the newest go first, and {MOST + 1} wait" in caplog.text
         one.boot.live.begin(1, MOST + 1)
         await send(one.live._client, one.logs, one.boot, asking)
         assert "the record has caught up on a thin line after" in caplog.text
+
+
+async def test_a_request_that_was_answered_tells_what_the_line_carries() -> None:
+    async with serving(Service()) as service, sender(MOST, url=service.url) as one:
+        await send(one.live._client, one.logs, one.boot, one.boot.log.batch(taken(1, MOST)))
+        assert (one.boot.pace.most, one.boot.pace.is_thin) == (2 * MOST, False)
+
+
+async def test_a_request_without_an_answer_in_time_gets_more_time_next(caplog: pytest.LogCaptureFixture) -> None:
+    async with serving(Service()) as service, sender(url=service.url) as one:
+        service.wait_s, one.boot.pace.timeout_s = lambda *_: 0.3, 0.1
+        batch = one.boot.log.batch(taken(1, 1))
+        assert await send(one.live._client, one.logs, one.boot, batch) is None
+        assert one.boot.pace.timeout_s == 4.0
+        line = f"bench: publishing: no answer from {service.url} (timeout); trying again"
+        assert caplog.messages == [line]
+
+
+async def test_a_service_that_takes_nothing_now_and_not_soon_has_a_thin_line(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    async with serving(Service()) as service, sender(url=service.url) as one:
+        service.wait_s, service.problem_of = lambda *_: 0.3, refusing(503, "busy")
+        live = one.boot.log.batch(taken(1, MOST)).model_copy(update={"backlog": False, "newest_age_ms": 0.0})
+        answer = await send(one.live._client, one.logs, one.boot, live)
+        assert answer is not None
+        assert (one.boot.pace.most, one.boot.pace.is_thin, one.boot.refusal) == (MOST // 2, True, "")
+        words = "bench: publishing: the service takes no samples (status 503: No.); trying again"
+        assert caplog.messages == [words]
+        # A backlog does not show that live batches are taken again.
+        service.wait_s, service.problem_of = lambda *_: 0.0, lambda *_: None
+        await send(
+            one.live._client, one.logs, one.boot, live.model_copy(update={"backlog": True, "newest_age_ms": None})
+        )
+        assert caplog.messages == [words]
+        await send(one.live._client, one.logs, one.boot, live)
+        assert caplog.messages[1].startswith("bench: publishing: works again after")
+
+
+async def test_a_live_batch_that_is_refused_is_said_with_the_reason(caplog: pytest.LogCaptureFixture) -> None:
+    async with serving(Service()) as service, sender(url=service.url) as one:
+        service.problem_of = refusing(422, "missing-channels")
+        live = one.boot.log.batch(taken(1, 1)).model_copy(update={"backlog": False, "newest_age_ms": 0.0})
+        await send(one.live._client, one.logs, one.boot, live)
+        assert one.boot.refusal == "status 422: No."
+        words = "bench: publishing: the service takes no samples (status 422: No.); trying again"
+        assert caplog.messages == [words]
+
+
+async def test_a_service_that_is_not_reached_is_said_with_what_to_change(caplog: pytest.LogCaptureFixture) -> None:
+    async with serving(Service()) as service:
+        plain = service.url.replace("http:", "https:")
+        for url in (NOWHERE, plain):
+            async with sender(url=url) as one:
+                await send(one.live._client, one.logs, one.boot, one.boot.log.batch(taken(1, 1)))
+        said = [line.removeprefix("bench: publishing: no answer from ") for line in caplog.messages]
+    assert said == [
+        f"{NOWHERE} (Connection refused); trying again",
+        f"{plain} (TLS failed); if the service has no certificate, publish.url must begin with http://; trying again",
+    ]
 
 
 async def test_live_batches_that_were_in_flight_when_their_part_failed_are_over() -> None:

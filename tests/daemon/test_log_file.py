@@ -392,7 +392,7 @@ async def test_what_is_not_durable_after_5_s_goes_to_the_file_but_what_a_live_ba
     monkeypatch.setattr(log_store, "WRITE_S", 0.01)
     async with stored(tmp_path / "samples") as store:
         held = {}
-        for name, age_s, brought in (("young", 4.0, 3), ("old", 5.01, 3), ("partly", 5.01, 1)):
+        for name, age_s, brought in (("young", 1.0, 3), ("old", 5.01, 3), ("partly", 5.01, 1)):
             one = held[name] = store.surface(name).begin(boot(), 100)
             one.put(taken(1, 3, age_s))
             one.live.begin(1, brought)

@@ -404,6 +404,8 @@ async def test_the_limits_are_looked_after_at_once_and_then_each_minute(monkeypa
         for step_s in (0.0, 59.9, 0.1, 59.9):
             now.s += step_s
             await asyncio.sleep(0.1)
+            assert one._upkeep is not None
+            await asyncio.wait([one._upkeep])
         running.cancel()
         assert looks_s == [100.0, 160.0]
         surface = surface_of()
