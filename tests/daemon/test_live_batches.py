@@ -1,5 +1,6 @@
 """When a live batch goes out and which samples it holds, by what is known of the line and of the record."""
 
+import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from math import inf
@@ -20,6 +21,7 @@ from .service import TOKEN, Service, serving
 
 pytestmark = pytest.mark.anyio
 
+PATIENT_S = 60.0
 NOWHERE = "http://127.0.0.1:1"
 MOST = 25
 """Samples of a request while nothing is known of the line."""
@@ -46,14 +48,15 @@ class Sender:
         """The samples of the next batch."""
         return [one.sample.sequence for one in self.live._samples()]
 
-    async def send(self, wait_s: float = -inf) -> None:
-        """Send a new sample, after which the next batch waits for so long [s]."""
-        samples, begin_s = taken(self.boot.log.next, 1), monotonic()
+    async def send(self, wait_s: float | None = None) -> None:
+        """Send two new samples, which are not taken if the next batch must wait for so long [s] then."""
+        samples, begin_s = taken(self.boot.log.next, 2), monotonic()
         self.boot.put(samples)
         self.boot.live.begin(samples[0].sample.sequence, samples[-1].sample.sequence)
         await self.live._send(samples)
-        assert self.live._next_s() - monotonic() <= max(wait_s, 0.0)
-        assert self.live._next_s() - begin_s >= wait_s
+        assert self.boot.live.in_flight == 0
+        if wait_s is not None:
+            assert self.live._next_s() - monotonic() <= wait_s <= self.live._next_s() - begin_s
 
 
 @asynccontextmanager
@@ -115,6 +118,19 @@ async def test_a_live_batch_begins_with_the_gap_of_the_record_if_a_request_holds
         assert one.numbers == (list(range(1, number + 1)) if first == 1 else [number])
         one.boot.backlog_state = BacklogState.SENDS
         assert one.numbers == [number]
+        one.boot.backlog_state = BacklogState.RESTS
+        one.boot.live.begin(number, number)
+        assert one.numbers == []  # none is new
+
+
+async def test_the_backlog_is_told_when_a_live_batch_goes_out_and_when_it_is_over() -> None:
+    async with serving(Service()) as service, sender(url=service.url) as one:
+        service.wait_s = lambda *_: 0.05
+        sending = asyncio.ensure_future(one.send())
+        for in_flight in (1, 0):
+            await one.boot.wait_for_change(PATIENT_S)
+            assert (one.boot.changed.is_set(), one.boot.live.in_flight) == (True, in_flight)
+        await sending
 
 
 async def test_after_a_failure_the_next_live_batch_waits_a_second_at_most() -> None:
@@ -125,7 +141,7 @@ async def test_after_a_failure_the_next_live_batch_waits_a_second_at_most() -> N
         service.statuses = [503] * 6
         for wait_s in (0.1, 0.2, 0.4, 0.8, 1.0, 1.0):
             await one.send(wait_s)
-        assert (one.boot.live_failed, one.boot.live.in_flight) == (True, 0)
+        assert one.boot.live_failed
         one.boot.due_s = monotonic() + 60.0
         await one.send()
         assert one.boot.due_s == 0.0  # the service answers again: the backlog goes on at once
@@ -142,7 +158,7 @@ async def test_the_time_of_a_batch_that_was_taken_is_that_from_its_sending_to_it
         begin_s = monotonic()
         await one.send()
         took_s = monotonic() - begin_s
-        one.boot.put(taken(2, 1))
+        one.boot.put(taken(3, 1))
         one.boot.expected, one.boot.pace.is_thin = None, True
         one.boot.pace.stale_s = 60.0
         assert 3 * 0.04 <= one.wait_s <= 3 * took_s
