@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -111,6 +111,26 @@ async def test_what_changes_between_two_samples_ends_the_taking(monkeypatch: pyt
             monkeypatch.setattr(boot, "MAX_WAITING", 1)
         assert list(steps) == []
         assert held.expected == 3
+
+
+@pytest.mark.parametrize("forgotten", ["surface", "boot"])
+async def test_what_is_forgotten_while_a_batch_is_taken_is_not_known_to_its_receipt(
+    monkeypatch: pytest.MonkeyPatch, forgotten: str
+) -> None:
+    """Another service has it, or nobody needs the boot."""
+    surface = surface_of()
+    async with recording() as one:
+        assert await take(one, surface, RESTING) == (0, 2)
+
+        async def finish(steps: Iterable[object]) -> None:
+            assert list(steps)
+            if forgotten == "surface":
+                del one._records["press-7"]
+            else:
+                one._records["press-7"]._boots.clear()
+
+        monkeypatch.setattr(one._stepper, "finish", finish)
+        assert await one.take(surface, batch_of(*REST, first=2), {}) == (None, None)
 
 
 def breaking(monkeypatch: pytest.MonkeyPatch, one: Recorder, call: str, error: Exception) -> Callable[[], None]:
