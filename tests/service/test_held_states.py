@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beamtouch_models.runtime import State
+from beamtouch_models.runtime import State, Suspects, Weighed
+from beamtouch_models.runtime.decision.wrong_channels import LeftOut
 from beamtouch_service.problems import Problem
 from beamtouch_service.samples import Quality
 from beamtouch_service.sections import SurfaceSection
@@ -132,6 +133,21 @@ def test_a_long_stretch_is_told_once_with_whom_its_samples_suspected_last() -> N
         stretches.add(odd, 0.6)
     assert stretches.take_overdue() == Overdue(since_us, None, None)
     assert (stretches.count, round(stretches.total_s, 6)) == (2, 2.101)
+
+
+@pytest.mark.parametrize(("samples", "examined"), [(1, 1), (40, 40), (41, 41), (42, 41), (60, 41), (61, 42), (81, 43)])
+def test_of_a_stretch_the_first_forty_samples_are_examined_and_then_each_twentieth(
+    monkeypatch: pytest.MonkeyPatch, samples: int, examined: int
+) -> None:
+    calls, leave_out = list[int](), Suspects.leave_out
+
+    def counting(suspects: Suspects, weighed: Weighed) -> list[dict[str, LeftOut]]:
+        calls.append(1)
+        return leave_out(suspects, weighed)
+
+    monkeypatch.setattr(Suspects, "leave_out", counting)
+    followed(RESTING, *[ODD] * (2 + samples))  # the state follows from the third
+    assert len(calls) == examined
 
 
 def test_each_run_of_the_graph_is_timed_and_holds_64_samples() -> None:
