@@ -20,7 +20,6 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benc
 from shipped import build
 
 from beamtouch_models import cli
-from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.calibrated import prior_of_model
@@ -78,9 +77,9 @@ def accuracy(model: ModelFile, real: Imperfections) -> tuple[float, float, float
     """Return error and width of a model over those of one that knows the surface, and the share of intervals held."""
     prior = true_prior(model.metadata, real)
     contacts = draw(prior, CONTACTS, 9)
-    stated_mm: Floats = prior.measured(contacts.deflection_mm).astype(np.float32)
-    whitening = prior_of_model(model.metadata).errors.whitening(stated_mm).astype(np.float32)
-    answers = model.graph.estimate(stated_mm, whitening)
+    shown_mm = prior.measured(contacts.deflection_mm)
+    whitening = prior_of_model(model.metadata).errors.whitening(shown_mm)
+    answers = model.graph.estimate(shown_mm.astype(np.float32), whitening.astype(np.float32))
     levels = np.tile(LEVELS, (CONTACTS, 1))
     low_mm, best_mm, high_mm = posterior_quantiles(prior, contacts.deflection_mm, levels)[0].T
     true_mm = contacts.position_mm
