@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from beamtouch_common.digits import decimals_of, digits
+from beamtouch_common.digits import SHOWN, decimals_of, digits
 from beamtouch_common.files import write_atomically
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import evaluation
@@ -73,8 +74,9 @@ def _with_interval(figures: dict[str, float], name: str, unit: str) -> str:
     value, symbol = figures[f"{name}_{unit}"], unit if unit == "mm" else "N"
     ends = figures.get(f"{name}_low_{unit}"), figures.get(f"{name}_high_{unit}")
     if ends[0] is None or ends[1] is None:
-        return f"{digits(value, 4)} {symbol}"
-    decimals = decimals_of((ends[1] - ends[0]) / FINENESS)
+        return f"{digits(value, SHOWN)} {symbol}"
+    known = SHOWN - 1 - math.floor(math.log10(max(abs(value), 1.0)))
+    decimals = max(min(decimals_of((ends[1] - ends[0]) / FINENESS), known), 0)
     return f"{value:.{decimals}f} {symbol} ({ends[0]:.{decimals}f} to {ends[1]:.{decimals}f})"
 
 
