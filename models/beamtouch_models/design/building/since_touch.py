@@ -164,7 +164,8 @@ def answers_since_touch(
             behind = touches.errors_mm(run, samples.mean_mm[:, index], samples.covariance_mm2[:, index])
             more = mean_of(behind - of_mean, touches.drawn.weight)
             scatter = math.hypot(answer.error_mm.standard_error, more.standard_error)
-            measured.append(Measurement(answer.error_mm.value + more.value, scatter))
+            # Of few touches, chance may take the sum below 0.
+            measured.append(Measurement(max(answer.error_mm.value + more.value, 0.0), scatter))
         return measured
 
     answers = [replace(answer, error_mm=error_mm) for answer, error_mm in zip(plain, measure(still), strict=True)]
