@@ -108,7 +108,7 @@ def test_with_two_channels_no_wiring_is_looked_for() -> None:
     assert found.finding is None
 
 
-PRESSED = Weighed(np.ones((1, 4)), np.eye(4)[None] * 1e-4, np.full((1, 4), 1e-4), np.ones((1, 4), bool))
+PRESSED = Weighed(np.full((1, 4), 0.5), np.eye(4)[None] * 1e-4, np.full((1, 4), 1e-4), np.ones((1, 4), bool))
 """A settled sample of a contact, of four channels."""
 ODD, EXPLAINED = 300.0, 30.0
 """Misfits: far beyond the limit, and at it."""
@@ -192,7 +192,7 @@ def test_wirings_are_found_on_a_surface_whose_gains_are_off_by_3_percent() -> No
     told.press(100.0)
     # Noise, gain, and the floor of the model: 0.3 % and 2 um.
     variance_mm2 = 1 / told.weights[0, 0, 0] ** 2
-    assert variance_mm2 == pytest.approx(1e-4 + 0.03**2 + 0.003**2 + 0.002**2, rel=1e-3)
+    assert variance_mm2 == pytest.approx(1e-4 + 0.015**2 + 0.0015**2 + 0.002**2, rel=1e-3)
 
 
 def test_a_channel_is_left_out_where_enough_others_check_a_contact() -> None:
