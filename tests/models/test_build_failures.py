@@ -24,28 +24,30 @@ from support.surfaces.example_scenes import PAPER
     "`build` warns if one failed sensor ends the surface or doubles the error.",
 )
 @pytest.mark.parametrize(
-    ("sensors", "fewest", "spare", "said"),
+    ("sensors", "fewest", "failed_percent", "said"),
     [
         (1, 1, 0, "one failed sensor ends this surface: it has no other; add one"),
         (2, 2, 0, "one failed sensor ends this surface: all 2 channels must work; add a sensor, or place them with --"),
-        (2, 2, 1, "one failed sensor ends this surface: all 2 channels must work; add a sensor"),
+        (2, 2, 100, "one failed sensor ends this surface: all 2 channels must work; add a sensor"),
         (4, 2, 0, "if s1 fails, the mean position error grows from 4 to 12 mm; add a sensor, or place th"),
-        (4, 2, 1, "if s1 fails, the mean position error grows from 4 to 12 mm; add a sensor"),
+        (4, 2, 100, "if s1 fails, the mean position error grows from 4 to 12 mm; add a sensor"),
     ],
 )
 def test_what_one_failed_sensor_costs_is_said(
-    bench: ModelFile, sensors: int, fewest: int, spare: int, said: str
+    bench: ModelFile, sensors: int, fewest: int, failed_percent: float, said: str
 ) -> None:
     metadata, without = bench.metadata, [3.0, 1.1, 1.1, 1.1][:sensors]
     some = {
         "layout": metadata.layout[:sensors],
         "min_channels": fewest,
-        "placed": metadata.placed.model_copy(update={"spare": spare, "limit_without_percent": without}),
+        "placed": metadata.placed.model_copy(
+            update={"failed_percent": failed_percent, "limit_without_percent": without}
+        ),
         "accuracy": metadata.accuracy.model_copy(update={"limit_percent": 1.0}),
     }
     weak = weak_spot(metadata.model_copy(update=some))
     assert weak.startswith(said)
-    assert ("--spare" in weak) is ("--" in said or said.endswith("th"))
+    assert ("--failed-percent" in weak) is ("--" in said or said.endswith("th"))
 
 
 @pytest.mark.promise("docs/how-to/drift.md", "`build` warns if that is less than a minute.")

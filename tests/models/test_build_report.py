@@ -159,8 +159,10 @@ def test_errors_and_intervals_along_the_beam_add_up_to_the_means(facts: Facts, w
 
 
 def test_layouts_are_compared_on_the_same_contacts(facts: Facts, text: str) -> None:
-    equal, best, by_error = facts.layouts
-    assert [equal.taken, best.taken, by_error.name] == [False, True, "position error"]
+    best, papers, equal, by_error = facts.layouts
+    names = ["this layout", "the paper's", "equal pitch", "placed anew"]
+    assert [layout.name for layout in facts.layouts] == names
+    assert papers.positions_mm.tolist() == best.positions_mm.tolist()
     assert equal.positions_mm == pytest.approx([80, 160, 240, 320])
     assert best.log_eigenvalue_product > equal.log_eigenvalue_product
     accuracy = facts.model.metadata.accuracy
@@ -168,6 +170,9 @@ def test_layouts_are_compared_on_the_same_contacts(facts: Facts, text: str) -> N
     assert off < 5 * np.hypot(best.limit.standard_error, accuracy.limit_standard_error)
     assert by_error.limit.value < best.limit.value + 3 * by_error.limit.standard_error
     assert len(Tags(text).of("tr", "taken")) == 1
+    for layout in facts.layouts:
+        assert layout.costs.all_mm == pytest.approx(4 * layout.limit.value, rel=0.1)
+        assert layout.costs.inner_mm < layout.costs.all_mm < min(layout.costs.ends_mm, *layout.costs.failed_mm)
 
 
 def test_the_error_is_stated_with_each_sensor_failed(facts: Facts, words: str) -> None:

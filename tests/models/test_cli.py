@@ -60,7 +60,7 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(
     assert len(token.read_text().strip()) >= 32
     assert sorted(path.name for path in tmp_path.iterdir()) == ["beamtouch.token", "daemon.toml", "press.onnx"]
     placed = described["placed"]
-    assert (placed["criterion"], placed["spare"]) == ("position-error", 0)
+    assert (placed["criterion"], placed["failed_percent"]) == ("position-error", 10)
     assert len(placed["limit_without_percent"]) == 3
     assert json.loads(design_sensors_roughly("inspect", model, "--json").stdout) == described
 

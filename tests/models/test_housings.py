@@ -74,7 +74,7 @@ def test_a_housing_keeps_off_ends_supports_keep_outs_and_other_housings(
         assert {float(place) for place in fixed} <= set(json.loads(done.stdout)["positions_mm"])
 
 
-@pytest.mark.parametrize("arguments", [(), ("--spare", 1)])
+@pytest.mark.parametrize("arguments", [(), ("--failed-percent", 100)])
 def test_layouts_of_the_least_error_leave_room_for_the_housings(
     design_sensors_roughly: Command, tmp_path: Path, arguments: tuple[object, ...]
 ) -> None:

@@ -125,7 +125,7 @@ S = "the scene"
         ("surface", "place", (3,), {"seed": -1}, "seed = -1: give a whole number, 0 or more"),
         ("models", "resolve", ("bench.toml",), {}, "scene: give what read_scene or make_scene returns, not str 'bench"),
         ("surface", "place", (4,), {"criterion": "best"}, "criterion = 'best' must be one of position-"),
-        ("surface", "place", (1,), {"spare": 1}, "spare = 1 needs at least 2 sensors, not 1"),
+        ("surface", "place", (1,), {"failed_percent": 100}, "failed_percent = 100 needs at least 2 sensors, not 1"),
         ("models", "ringing_mm", (S, [1], [-1]), {}, r"time_s: must be finite, at least 0 \(given: -1\)"),
         ("models", "ringing_mm", (S, [1], [0]), {"damping_ratio": 2}, "damping_ratio = 2 must be more than 0"),
         ("models", "read_scene", ("absent.toml",), {}, "absent.toml: No such file"),

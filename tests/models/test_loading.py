@@ -27,7 +27,7 @@ CALIBRATION = {
 GOLDEN = {"deflection_mm": [[0, 0]], "whitening_per_mm": [[[0, 0], [0, 0]]], "answers": {}}
 PLACED = {
     "criterion": "position-error",
-    "spare": 0,
+    "failed_percent": 10.0,
     "limit_without_percent": [1, 1, 1, 1],
     "limit_without_standard_error": [],
 }
@@ -117,7 +117,7 @@ def rewritten(source: Path, target: Path, key: str, value: str | None) -> Path:
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("schema_version", "5", "schema_version: '5', but this version reads 4; rebuild it from its own scene with"),
+        ("schema_version", "6", "schema_version: '6', but this version reads 5; rebuild it from its own scene with"),
         ("noise", None, "noise: Field required"),
         ("noise", "{", "its metadata is not JSON"),
         ("seed", "[" * 100_000, "its metadata is not JSON"),

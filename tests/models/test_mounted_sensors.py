@@ -56,11 +56,11 @@ def test_sensors_stay_where_the_replaced_model_has_them_until_told_to_move(
     more, said = build("--sensors", len(first) + 1)
     assert len(more) == len(first) + 1
     assert f"warning: sensors are not where {model} had them: " in said
-    for option in (("--spare", 1), ("--criterion", "eigenvalue-product")):
+    for option in (("--failed-percent", 100), ("--criterion", "eigenvalue-product")):
         _, said = build(*option)
         assert f"warning: sensors are not where {model} had them: " in said
         assert ANEW not in said
-    _, said = build("--spare", 0)
+    _, said = build("--failed-percent", 0)
     assert ANEW not in said
 
 

@@ -30,7 +30,13 @@ REQUESTS = [
     (f"{TRADE} --latency-ms 0", "--latency-ms 0: give a positive number"),
     (f"{TRADE} --error-mm nan", "--error-mm nan: give a positive number"),
     (f"{TRADE} --error-mm 1 --latency-ms 1", "not allowed with argument --error-mm"),
-    *((f"place scene.toml {by} --spare 1", "spare = 1: give 0 or 1; 1 places by position error") for by in PRODUCT),
+    *(
+        (
+            f"place scene.toml {by} --failed-percent 5",
+            "failed_percent = 5: it weighs position errors, and goes with no other",
+        )
+        for by in PRODUCT
+    ),
     *(
         (f"{command} --effort {effort}", f"effort = {effort} is not from 0.01 to 100")
         for command, effort in (

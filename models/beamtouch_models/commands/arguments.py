@@ -41,11 +41,11 @@ _SHARED: dict[str, dict[str, Any]] = {
         "distributed loads as well as the paper's; `eigenvalue-product` is the paper's criterion (default: "
         "position-error)",
     },
-    "--spare": {
-        "type": whole_number(0, 1),
-        "metavar": "N",
-        "help": "number of sensors that may fail, 0 or 1; with 1, the layout is the one with the least mean position "
-        "error when the worst single sensor has failed (default: 0)",
+    "--failed-percent": {
+        "type": float,
+        "metavar": "P",
+        "help": "share of the time, 0 to 100, in which the worst single sensor has failed: 0 makes the mean position "
+        "error of all sensors least, 100 that with the worst one failed (default: as the scene requires)",
     },
     "--workers": {
         "type": whole_number(1, MAX_WORKERS),
@@ -103,7 +103,7 @@ def build(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `build`."""
     _share(parser, "scene")
     _add_output(parser, "model file to write (.onnx)")
-    _share(parser, "--sensors", "--criterion", "--spare")
+    _share(parser, "--sensors", "--criterion", "--failed-percent")
     words = (
         "place the sensors anew; without this option, or one of those above, they stay where the model or the daemon "
         "configuration that is replaced has them, because they may be mounted"
@@ -207,7 +207,7 @@ def new(parser: argparse.ArgumentParser) -> None:
 
 def place(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `place`."""
-    _share(parser, "scene", "--sensors", "--criterion", "--spare")
+    _share(parser, "scene", "--sensors", "--criterion", "--failed-percent")
     words = "number of leading eigenvalues in the product (default: all)"
     parser.add_argument("--components", type=whole_number(1, 64), metavar="K", help=words)
     parser.add_argument("--search", choices=SEARCHES, default=SEARCHES[0], help="search method (default: exchange)")

@@ -3,9 +3,10 @@
 import argparse
 import shlex
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from beamtouch_common.digits import digits
 from beamtouch_common.files import require_writable
@@ -133,7 +134,8 @@ def _read(options: argparse.Namespace) -> _Asked:
     """
     path: Path = options.scene
     aim = aim_of(options)
-    asks_anew = options.move_sensors or (options.sensors, options.criterion, options.spare) != (None, None, None)
+    placing = options.sensors, options.criterion, options.failed_percent
+    asks_anew = options.move_sensors or placing != (None, None, None)
     if path.suffix != ".onnx":
         scene, text = load_scene(path)
         mounted = find_mounted(surface_name(path), options.output, options.daemon_config)
@@ -143,12 +145,22 @@ def _read(options: argparse.Namespace) -> _Asked:
     try:
         stored = stored_in(content)
         text, name = scene_in(stored)
-        # Models from before it was stated have the layout of the product.
-        placed = stored.get("placed")
-        before = LayoutErrors.model_validate(placed) if placed else Aim("eigenvalue-product")
+        before = _aim_before(stored)
         kept_mm = () if asks_anew else positions_in(stored)
-    except (ModelFileError, ValueError):
+    except (ModelFileError, ValueError, TypeError, KeyError):
         raise SceneError(f"{path}: it is not a model file that holds its scene; give a scene (TOML)") from None
     if kept_mm:
-        aim = Aim(before.criterion, before.spare, effort=aim.effort)
+        aim = replace(before, effort=aim.effort)
     return _Asked(parse_scene(text, f"the scene in {path}"), text, name, aim, kept_mm, None)
+
+
+def _aim_before(stored: Mapping[str, Any]) -> Aim:
+    """Return the aim of the layout in what a model file states; raises ValueError if it is none."""
+    placed = stored.get("placed")
+    if not placed:  # from before it was stated
+        return Aim("eigenvalue-product")
+    if "spare" in placed:  # of version 4, which knew all of the time and none
+        share = 100.0 * placed["spare"] if placed["criterion"] == "position-error" else None
+        placed = {key: value for key, value in placed.items() if key != "spare"} | {"failed_percent": share}
+    before = LayoutErrors.model_validate(placed)
+    return Aim(before.criterion, before.failed_percent)

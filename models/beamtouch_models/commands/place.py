@@ -7,11 +7,13 @@ from typing import Any
 from beamtouch_common.digits import digits
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.design.accuracy.limit import accuracy_limit, limits_with_one_failed
+from beamtouch_models.design.building.compared import EQUAL, PAPERS, TAKEN, Compared, compare_layout
 from beamtouch_models.design.building.remarks import missed_error, remarks
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.layout import Layout, place_sensors
 from beamtouch_models.design.placement.eigenvalue_bound import largest_gap
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, recommended_count
+from beamtouch_models.design.placement.reasons import in_parts
 from beamtouch_models.design.printing import Result, note
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.design.surface import resolve
@@ -29,10 +31,11 @@ def run(options: argparse.Namespace) -> Result:
     aim = aim_of(options)
     with shown_progress() as progress:
         layout = place_sensors(resolve(scene), count=options.sensors, seed=options.seed, aim=aim, progress=progress)
-        progress("measuring the accuracy limit", 0.95)
-        fields = _describe(layout, options.seed)
+        progress("measuring the accuracy limit", 0.9)
+        compared = compare_layout(layout, options.seed)
+        fields = _describe(layout, compared, options.seed)
     note(missed_error("accuracy limit", fields["accuracy_limit_percent"], scene))
-    return Result(fields, [_rows(fields, layout)])
+    return Result(fields, [_rows(fields, compared, layout)])
 
 
 def aim_of(options: argparse.Namespace) -> Aim:
@@ -43,10 +46,10 @@ def aim_of(options: argparse.Namespace) -> Aim:
     leading = getattr(options, "components", None)
     usual = DEFAULT_AIM.criterion if leading is None else "eigenvalue-product"
     search = getattr(options, "search", DEFAULT_AIM.search)
-    return Aim(options.criterion or usual, options.spare or 0, leading, search, Effort(options.effort))
+    return Aim(options.criterion or usual, options.failed_percent, leading, search, Effort(options.effort))
 
 
-def _describe(layout: Layout, seed: int) -> dict[str, Any]:
+def _describe(layout: Layout, compared: Compared, seed: int) -> dict[str, Any]:
     """Return everything to print; unknown values are None."""
     placement, surface, aim, gap = layout.placement, layout.surface, layout.aim, None
     if aim.criterion == "eigenvalue-product":
@@ -63,9 +66,21 @@ def _describe(layout: Layout, seed: int) -> dict[str, Any]:
         "gap": gap,
         "evaluations": placement.evaluations,
         "criterion": aim.criterion,
-        "spare": aim.spare,
+        "failed_percent": aim.failed_percent,
         "limit_without_percent": [limit_without.value for limit_without in failed],
         "limit_without_standard_error": [limit_without.standard_error for limit_without in failed],
+        "reasons": list(compared.reasons),
+        "compared": [
+            {
+                "layout": name,
+                "positions_mm": compared.positions_mm[name].tolist(),
+                "error_mm": costs.all_mm,
+                "inner_mm": costs.inner_mm,
+                "ends_mm": costs.ends_mm,
+                "failed_mm": costs.failed_mm,
+            }
+            for name, costs in compared.costs.items()
+        ],
         "search": aim.search,
         "seed": seed,
         "components": aim.leading or len(placement.positions_mm),
@@ -73,7 +88,7 @@ def _describe(layout: Layout, seed: int) -> dict[str, Any]:
     }
 
 
-def _rows(found: dict[str, Any], layout: Layout) -> list[tuple[str, str]]:
+def _rows(found: dict[str, Any], compared: Compared, layout: Layout) -> list[tuple[str, str]]:
     """Return a line per figure, each number with its unit and reference."""
     surface, positions = layout.surface, found["positions_mm"]
     mm, noise_mm = surface.influence.diagonal_mm / 100, surface.errors.noise_mm
@@ -86,7 +101,8 @@ def _rows(found: dict[str, Any], layout: Layout) -> list[tuple[str, str]]:
             positions, found["limit_without_percent"], found["limit_without_standard_error"], strict=False
         )
     )
-    spare = ", with the worst sensor failed" if found["spare"] else ""
+    percent_failed = found["failed_percent"]
+    failed = f", with the worst sensor failed {percent_failed:g} % of the time" if percent_failed else ""
     return [
         ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
         (
@@ -95,7 +111,15 @@ def _rows(found: dict[str, Any], layout: Layout) -> list[tuple[str, str]]:
             f"{digits(1e3 * noise_mm, 3)} um noise per sample",
         ),
         *([("failed", f"mean error without the sensor {without}")] if without else []),
-        ("placed", f"for {SOUGHT[found['criterion']]}{spare}; search {found['search']}, seed {found['seed']}"),
+        *((f"s{number}", reason) for number, reason in enumerate(compared.reasons, start=1)),
+        ("error", in_parts(compared.costs[TAKEN])),
+        *(
+            (key, f"{', '.join(digits(place, 4) for place in compared.positions_mm[name])} mm: {in_parts(costs)}")
+            for key, name in (("papers", PAPERS), ("equal", EQUAL))
+            if (costs := compared.costs.get(name))
+        ),
+        *([("instead", compared.offer)] if compared.offer else []),
+        ("placed", f"for {SOUGHT[found['criterion']]}{failed}; search {found['search']}, seed {found['seed']}"),
         *(_product_rows(found) if found["criterion"] == "eigenvalue-product" else []),
         ("paper", f"{recommended} sensors by the paper's rule, one per component above the noise, at least two"),
         ("+-", "a standard error"),

@@ -52,7 +52,7 @@ class ErrorAlong(Rounded):
 
     >>> along = layout.error_along([50, 200])
     >>> along.error_mm.round(1), along.standard_error_mm.round(1)
-    (array([5.2, 1.4]), array([0.4, 0.1]))
+    (array([4.5, 1.5]), array([0.4, 0.1]))
     """
 
     position_mm: Floats
@@ -256,6 +256,7 @@ def place_sensors(
         No surface can be built of the scene; the message says why.
     """
     surface.check(count)
+    aim = _aim_in(surface, aim)
     placement = fewest_sensors(
         surface.influence,
         surface.rules,
@@ -277,7 +278,7 @@ def keep_sensors(surface: Surface, positions_mm: Sequence[float], aim: Aim = DEF
     surface.check(len(positions_mm))
     places = on_axis(np.array(positions_mm, dtype=np.float64))
     placement = Placement(places, score_layout(surface.influence, places), 0)
-    return _checked(Layout(surface, placement, aim))
+    return _checked(Layout(surface, placement, _aim_in(surface, aim)))
 
 
 def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
@@ -293,6 +294,13 @@ def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
     if conflict := next(too_close(length_mm, surface.held_mm, scene.sensors, places_mm, "positions_mm has"), ""):
         raise SceneError(conflict)
     return keep_sensors(surface, places_mm)
+
+
+def _aim_in(surface: Surface, aim: Aim) -> Aim:
+    """Return an aim with what the scene requires, as far as it leaves that open."""
+    if aim.failed_percent is not None or aim.criterion != "position-error":
+        return aim
+    return replace(aim, failed_percent=surface.scene.requirements.failed_percent)
 
 
 def _checked(layout: Layout) -> Layout:

@@ -9,9 +9,9 @@ departures of its calibration (`calibrated`). Physics ends here: placement, limi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,7 +75,7 @@ class Surface:
     gain error: 7.57 times the noise of a sample
     drift in a minute: 2.8 times the noise of a sample
     >>> surface.place(2, effort=0.01)
-    Layout(sensors at 59, 341 mm)
+    Layout(sensors at 49, 345 mm)
     """
 
     scene: Scene
@@ -165,7 +165,7 @@ class Surface:
         sensors: int | None = None,
         *,
         criterion: Criterion = DEFAULT_AIM.criterion,
-        spare: Literal[0, 1] = 0,
+        failed_percent: float | None = None,
         seed: int = 0,
         effort: float = 1.0,
     ) -> Layout:
@@ -176,7 +176,8 @@ class Surface:
         sensors : number of sensors; default: as the scene states
         criterion : "position-error" makes the accuracy limit least, among the layouts that detect two contacts and
             distributed loads as often as that of "eigenvalue-product", the paper's
-        spare : 1 makes the error least when the worst single sensor has failed; only with "position-error"
+        failed_percent : share of the time, 0 to 100, in which the worst single sensor has failed, and the error is
+            that of the others; default: as the scene requires; only with "position-error"
         seed : seed of the search; the same seed gives the same layout
         effort : share of the usual work, from 0.01 to 100; less is quicker, and may miss the best layout
 
@@ -188,8 +189,9 @@ class Surface:
         # A layout knows its surface, so this step forward is imported when it is taken.
         from beamtouch_models.design.layout import place_sensors  # noqa: PLC0415
 
-        count, aim = None if sensors is None else whole(sensors, "sensors", 1), Aim(criterion, spare)
-        aim = replace(aim, effort=Effort(number(effort, "effort")))
+        count = None if sensors is None else whole(sensors, "sensors", 1)
+        share = None if failed_percent is None else number(failed_percent, "failed_percent")
+        aim = Aim(criterion, share, effort=Effort(number(effort, "effort")))
         return place_sensors(self, count=count, seed=whole(seed, "seed", 0), aim=aim)
 
     def layout(self, positions_mm: ArrayLike) -> Layout:

@@ -169,9 +169,9 @@ def _failed(metadata: Metadata) -> list[tuple[str, str]]:
     worst = max(placed.limit_without_percent)
     index = placed.limit_without_percent.index(worst)
     grown = with_error(worst * mm, placed.limit_without_standard_error[index] * mm, unit=" mm")
-    spare = ", with the worst sensor failed" if placed.spare else ""
+    failed = f", with the worst sensor failed {placed.failed_percent:g} % of the time" if placed.failed_percent else ""
     found = f"the limit grows to {grown} if {metadata.layout[index].name} fails, the worst to lose"
-    return [("failed", found), ("placed", f"for {SOUGHT[placed.criterion]}{spare}")]
+    return [("failed", found), ("placed", f"for {SOUGHT[placed.criterion]}{failed}")]
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:

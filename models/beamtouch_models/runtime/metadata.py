@@ -30,7 +30,7 @@ PositivePair = Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False
 INPUTS = ("deflection_mm", "whitening_per_mm")
 POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds", "misfit")
 FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
-SCHEMA_VERSION: Literal[4] = 4
+SCHEMA_VERSION: Literal[5] = 5
 METADATA_PREFIX = "beamtouch."
 THIS_FILE = "MODEL.onnx"
 """Stands for the name of the file in a message; the loader knows the name."""
@@ -227,8 +227,9 @@ class LayoutErrors(MetadataPart):
     """The placement of a layout; errors are accuracy limits in percent of the length."""
 
     criterion: Criterion
-    spare: int = Field(ge=0, le=1)
-    """1: placed so that the largest error with one sensor failed is least."""
+    failed_percent: float | None = Field(ge=0, le=100)
+    """Share of the time in which the worst sensor has failed, for which the layout was placed; None: the criterion does
+    not ask."""
     limit_without_percent: list[NonNegativeFloat]
     """With each sensor failed, in the order of the layout; empty for a single sensor. That with all is
     `Accuracy.limit_percent`."""
@@ -312,7 +313,7 @@ class Calibration(MetadataPart):
 class Metadata(MetadataPart):
     """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
 
-    schema_version: Literal[4] = SCHEMA_VERSION
+    schema_version: Literal[5] = SCHEMA_VERSION
     name: Name
     """Name of the scene, and of the surface unless a configuration gives another."""
     beam: Name

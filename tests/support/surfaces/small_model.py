@@ -143,7 +143,7 @@ def _content(
             mm_per_n=[[0.01 * (1 + (place + 3 * i) % 7) for i in range(channels)] for place in range(9)]
         ),
         placed=LayoutErrors(
-            criterion="position-error", spare=0, limit_without_percent=[], limit_without_standard_error=[]
+            criterion="position-error", failed_percent=10.0, limit_without_percent=[], limit_without_standard_error=[]
         ),
         seed=1,
         accuracy=Accuracy(

@@ -93,7 +93,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
         accuracy=accuracy,
         placed=LayoutErrors(
             criterion=aim.criterion,
-            spare=aim.spare,
+            failed_percent=aim.failed_percent,
             limit_without_percent=[without.value for without in failed],
             limit_without_standard_error=[without.standard_error for without in failed],
         ),

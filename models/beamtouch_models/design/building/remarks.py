@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from beamtouch_common.digits import digits
+from beamtouch_models.design.placement.placing import ALWAYS
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.scene.materials import MATERIALS
@@ -66,7 +67,8 @@ def missed_error(name: str, percent: float, scene: Scene) -> str:
 def weak_spot(metadata: Metadata) -> str:
     """Say whether one failed sensor ends a surface or doubles its error; empty if neither."""
     layout, placed, limit_percent = metadata.layout, metadata.placed, metadata.accuracy.limit_percent
-    remedy = "add a sensor" if placed.spare else "add a sensor, or place them with --spare 1"
+    always = placed.failed_percent == ALWAYS
+    remedy = "add a sensor" if always else "add a sensor, or place them with --failed-percent 100"
     if metadata.min_channels == len(layout):
         if len(layout) == 1:
             return "one failed sensor ends this surface: it has no other; add one"

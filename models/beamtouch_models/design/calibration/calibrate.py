@@ -270,7 +270,7 @@ def rebuilt(
     surface = resolve_model(metadata)
     noise_mm, departures = surface.readings.sensor_mm, calibration.departures
     world = World.of(surface.scene, metadata.sensor, metadata.layout_mm, noise_mm, departures)
-    aim = Aim(metadata.placed.criterion, metadata.placed.spare, effort=effort)
+    aim = Aim(metadata.placed.criterion, metadata.placed.failed_percent, effort=effort)
     fields = measure(made, prior, surface, world, metadata.seed, aim)
     fresh = metadata.model_copy(update={**vars(fields), "calibration": calibration})
     return to_bytes(made.graph, fresh), fresh

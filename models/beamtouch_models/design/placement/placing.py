@@ -1,7 +1,6 @@
 """Placement of sensors: an objective and a search, and the number of sensors that a structure needs."""
 
 import math
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -20,8 +19,9 @@ from beamtouch_models.design.placement.eigenvalue_product import (
     principal_components,
 )
 from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout, equal_pitch_mm
-from beamtouch_models.design.placement.position_error import PositionError, Sampling, position_error_of
-from beamtouch_models.design.placement.search import SearchRun, first_best, search_from
+from beamtouch_models.design.placement.least_error import in_pairs, search_stages, stages_of
+from beamtouch_models.design.placement.position_error import Sampling
+from beamtouch_models.design.placement.search import first_best, search_from
 from beamtouch_models.design.sweeps import Progress, one_thread, silent
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import CRITERIA, Criterion, SearchName
@@ -29,14 +29,10 @@ from beamtouch_models.places import positions_of
 
 AT_REST = 1e-12
 """Largest deflection at a support, over that elsewhere: rounding."""
-CLEAR = 1.015
-"""Ratio of two scores that decides without the accuracy limit. The ratio of score to limit scatters by 0.2 to 0.6 %
-between layouts of a beam, and by more where few sensors stand close together, or errors are smaller than a cell."""
-FINAL_DRAWS, LEAST_DRAWS = 2_000, 64
-"""Usual and smallest number of contacts of the limits that decide otherwise; with a spare, the limits of all failures
-share them."""
 PROBES = 8
 """Equally pitched sensors whose components are counted, as in the paper."""
+ALWAYS = 100.0
+"""Percentage of the time that is all of it."""
 COUNT_DRAWS = 1_000
 """Simulated contacts for the error of each number of sensors that is tried; a small effort buys no other number."""
 
@@ -48,12 +44,13 @@ class Aim:
     Raises
     ------
     SceneError
-        There is no such criterion, or the eigenvalue product is to be placed with a spare.
+        There is no such criterion, or the share is not one, or stated for the eigenvalue product.
     """
 
     criterion: Criterion
-    spare: int = 0
-    """Sensors that may fail, 0 or 1; see `place_by_position_error`."""
+    failed_percent: float | None = None
+    """Share of the time, 0 to 100, in which a position error is that with the worst sensor failed; None: that which the
+    scene requires, and 0 without a scene."""
     leading: int | None = None
     """Number of eigenvalues in the product; None: all."""
     search: SearchName = "exchange"
@@ -63,11 +60,20 @@ class Aim:
     def __post_init__(self) -> None:
         if self.criterion not in CRITERIA:
             raise SceneError(f"criterion = {self.criterion!r} must be one of {', '.join(CRITERIA)}")
-        if self.spare not in (0, 1) or (self.spare and self.criterion != "position-error"):
+        if self.failed_percent is None:
+            return
+        if not 0 <= self.failed_percent <= ALWAYS:
+            raise SceneError(f"failed_percent = {self.failed_percent:g}: give a share of the time, from 0 to 100")
+        if self.criterion != "position-error":
             raise SceneError(
-                f"spare = {self.spare}: give 0 or 1; 1 places by position error, and goes with no other criterion and "
-                "no number of components"
+                f"failed_percent = {self.failed_percent:g}: it weighs position errors, and goes with no other "
+                "criterion and no number of components; leave one of them out"
             )
+
+    @property
+    def fewest(self) -> int:
+        """Fewest sensors that such a layout has."""
+        return max(2 if self.failed_percent == ALWAYS else 1, self.leading or 1)
 
 
 DEFAULT_AIM = Aim(CRITERIA[0])
@@ -147,7 +153,7 @@ def place(
         if not np.isfinite(score):
             message = f"the rules of sensors leave no {count} positions with independent readings; use fewer sensors"
             raise SceneError(message)
-    return _checked(rules, best.layout, score, runs)
+    return _checked(rules, best.layout, score, sum(run.evaluations for run in runs))
 
 
 def place_by_position_error(
@@ -159,24 +165,22 @@ def place_by_position_error(
     aim: Aim = DEFAULT_AIM,
     progress: Progress = silent,
 ) -> Placement:
-    """Place sensors so that the mean position error is least of layouts that notice other loads; as `place`.
+    """Place sensors so that the position error is least of layouts that notice other loads; as `place`.
 
-    The mean position error is the accuracy limit with all errors of a sample: the mean, over contacts drawn uniformly
-    from the ranges of position and force, of the distance between the contact and the posterior median.
-
-    Without a spare in `aim`, the error with all sensors is minimised among the layouts that detect two contacts and
-    distributed loads as well as the layout of the eigenvalue product, within `position_error.SLACK`. With one it is the
-    largest, over each one sensor failed, of the error of the others, among all layouts; what a layout notices is worth
-    up to `position_error.SPARE_NOTICES` of it.
+    The error is that of `position_error`: the accuracy limit with all errors of a sample, the mean, over contacts drawn
+    uniformly from the ranges of position and force, of the distance between the contact and the posterior median; for
+    the share `failed_percent` of `aim`, that with the worst sensor failed. It is minimised among the layouts that
+    detect two contacts and distributed loads as well as the layout of the eigenvalue product, within
+    `position_error.SLACK`.
 
     The noise of `sampling` must not be 0. `aim` has the search, too. `progress` is called with the current step and
     the fraction done. SceneError also if a sensor stands where nothing moves.
     """
-    if count <= aim.spare:
-        message = (
-            f"spare = {aim.spare} needs at least {aim.spare + 1} sensors, not {count}; use more, or set sensors.count"
+    if count < aim.fewest:
+        raise SceneError(
+            f"failed_percent = {aim.failed_percent or 0:g} needs at least {aim.fewest} sensors, not {count}; use more, "
+            "or set sensors.count"
         )
-        raise SceneError(message)
     with one_thread():
         equal = equal_layout(rules, influence.size_mm, count)
         product = equal
@@ -185,18 +189,13 @@ def place_by_position_error(
             product = first_best(
                 search_from(by_product.starts(seed), by_product, "exchange", seed, effort=aim.effort)
             ).layout
-        objective = position_error_of(
-            influence, rules, equal, sampling, seed, spare=aim.spare, reference=product, effort=aim.effort
+        share = (aim.failed_percent or 0.0) / ALWAYS
+        stages = stages_of(influence, rules, equal, product, sampling, share, seed, aim.effort)
+        pairs = in_pairs(rules, influence.size_mm, count)
+        starts = [product, equal] if pairs is None else [product, equal, pairs]
+        layout, scored = search_stages(
+            stages, starts, aim.search, seed, lambda part: progress("placing by position error", part), aim.effort
         )
-        runs = search_from(
-            [product, equal],
-            objective,
-            aim.search,
-            seed,
-            lambda part: progress("placing by position error", part),
-            aim.effort,
-        )
-        layout = _least(objective, [*(run.layout for run in runs), product, equal], influence, seed, aim.effort)
     places = rules.place_mm[layout]
     size = np.abs(influence.matrix(places)).max(axis=0)
     if size.min() <= AT_REST * size.max():
@@ -204,10 +203,10 @@ def place_by_position_error(
             f"sensors: nothing moves at {_in_words(places[size.argmin()])}; move that sensor, or use fewer sensors"
         )
         raise SceneError(message)
-    return _checked(rules, layout, score_layout(influence, places), runs)
+    return _checked(rules, layout, score_layout(influence, places), scored)
 
 
-def _checked(rules: LayoutRules, layout: Indices, score: float, runs: Sequence[SearchRun]) -> Placement:
+def _checked(rules: LayoutRules, layout: Indices, score: float, scored: int) -> Placement:
     """Return the result of a search, whatever made it; NotGoodEnoughError if it breaks a rule."""
     places = rules.place_mm[layout]
     if not rules.allowed(layout[None, :])[0]:
@@ -215,7 +214,7 @@ def _checked(rules: LayoutRules, layout: Indices, score: float, runs: Sequence[S
             f"the search ended at {', '.join(map(_in_words, places))}, against the rules of sensors; please report "
             "this scene as a defect"
         )
-    return Placement(places, score, sum(run.evaluations for run in runs))
+    return Placement(places, score, scored)
 
 
 def _in_words(place_mm: Floats) -> str:
@@ -231,33 +230,11 @@ def score_layout(influence: InfluenceFunction, place_mm: Floats, leading: int | 
     return score - 2 * (leading or len(place_mm)) * float(np.log(influence.unit_mm_per_n))
 
 
-def _least(
-    objective: PositionError, layouts: Sequence[Indices], influence: InfluenceFunction, seed: int, effort: Effort
-) -> Indices:
-    """Return the layout with the least accuracy limit of those that the objective does not clearly tell from the best.
-
-    They are what the search found and where it began: the coarse grid of the objective cannot tell errors that are
-    smaller than its cells.
-    """
-    distinct = np.unique(layouts, axis=0)
-    scores = objective.scores(distinct)
-    near = distinct[scores >= CLEAR * scores.max()]  # scores are minus errors: those within 1.5 % of the best
-    if len(near) == 1:  # no limit need be computed
-        return np.asarray(near[0])
-
-    def limit(layout: Indices) -> float:
-        prior = Prior.of(influence, objective.rules.place_mm[layout], objective.sampling.errors)
-        draws = effort.of(FINAL_DRAWS, LEAST_DRAWS) // (len(layout) if objective.spare else 1)
-        return _limit_percent(prior, objective.spare, draws, seed) * objective.worth(layout)
-
-    return np.asarray(min(near, key=limit))
-
-
-def _limit_percent(prior: Prior, spare: int, draws: int, seed: int) -> float:
-    """Return the accuracy limit of a layout; with a spare, the largest with one sensor failed."""
-    if not spare:
-        return accuracy_limit(prior, draws, seed).value
-    failed = limits_without(prior, [(index,) for index in range(prior.channels)], draws, seed)
+def _limit_percent(prior: Prior, aim: Aim, seed: int) -> float:
+    """Return the accuracy limit that a requirement is compared with."""
+    if aim.failed_percent != ALWAYS:
+        return accuracy_limit(prior, COUNT_DRAWS, seed).value
+    failed = limits_without(prior, [(index,) for index in range(prior.channels)], COUNT_DRAWS, seed)
     return max(compared.limit.value for compared in failed)
 
 
@@ -287,7 +264,9 @@ def fewest_sensors(
     aim: Aim = DEFAULT_AIM,
     progress: Progress = silent,
 ) -> Placement:
-    """Place the fewest sensors whose accuracy limit meets a requirement; with a spare, whichever one has failed.
+    """Place the fewest sensors whose accuracy limit meets a requirement; it is that with all sensors.
+
+    If one has always failed (a `failed_percent` of 100), it is that with the worst one failed.
 
     Parameters
     ----------
@@ -318,11 +297,11 @@ def fewest_sensors(
 
     def out_of_reach(count: int, more: str) -> SceneError:
         """Return the error for the largest number of sensors; `more` ends its line."""
-        limit = "the accuracy limit with one failed" if aim.spare else "the accuracy limit"
+        limit = "the accuracy limit with one failed" if aim.failed_percent == ALWAYS else "the accuracy limit"
         wanted = f"requirements.position_error_mm = {wanted_mm:g}"
         return SceneError(f"not even {count} sensors reach {wanted}: {limit} is {digits(reached_mm, 3)} mm; {more}")
 
-    for number in range(min(max(fewest, len(rules.fixed), aim.spare + 1, aim.leading or 1), most), most + 1):
+    for number in range(min(max(fewest, len(rules.fixed), aim.fewest), most), most + 1):
         try:
             placement = place_as(aim, influence, rules, number, seed, sampling, progress)
         except SceneError as refusal:
@@ -330,7 +309,7 @@ def fewest_sensors(
                 raise
             raise out_of_reach(number - 1, f"and {refusal}") from None
         prior = Prior.of(influence, placement.place_mm, sampling.errors)
-        reached_mm = _limit_percent(prior, aim.spare, COUNT_DRAWS, seed) / 100 * influence.diagonal_mm
+        reached_mm = _limit_percent(prior, aim, seed) / 100 * influence.diagonal_mm
         if reached_mm <= wanted_mm:
             return placement
     raise out_of_reach(most, "use sensors with less noise or allow more latency_ms")

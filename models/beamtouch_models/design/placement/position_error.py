@@ -1,12 +1,11 @@
-"""The mean position error of layouts, quickly, and the shares of other loads that they notice.
+"""The position error of layouts as a customer meets it, and the shares of other loads that they notice.
 
-*Error.* It is the accuracy limit of a few contacts on a coarse grid: the mean width of posteriors, which holds all
-errors of a sample: noise, gains, zeros and the mounting of the sensors. If the force is open, the samples themselves
-are drawn without errors: of layouts on the bench scene, the ratio of this width to the limit scatters by 0.4 %; with
-drawn errors it scatters by 1.2 %, because a layout then fits the errors that were drawn. If the force is known, two
-places may explain a sample alike, and only drawn errors show how often; then there are more contacts. The contacts are
-the same for every layout, and more of them lie where errors are large. The cells of the grid are narrower where an
-equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
+*Error.* For a share w of the time one sensor has failed, and it may be the one that is missed most:
+
+    (1 - w) e(all) + w max over i of e(all but i),
+
+with the mean position errors e of `mean_error`. With w = 0 it is the error with all sensors, and with w = 1 that with
+the worst one failed. Nothing here bounds how much better another layout could be.
 
 *Other loads.* Two kinds of load are not a single contact: two equal contacts half of the range of each axis apart, and
 a load distributed evenly over that half, each at several places and with several forces. A load moves the whitened
@@ -19,23 +18,18 @@ that a model has at this rate and window. W holds the errors of a settled sample
 mounting.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 from scipy.special import chndtr
 
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_error_mm
-from beamtouch_models.design.accuracy.drawing import concentrate_on_errors, concentrated_ticks, spread_contacts
-from beamtouch_models.design.accuracy.likelihood import log_density
-from beamtouch_models.design.accuracy.posterior import MIN_LOG
-from beamtouch_models.design.accuracy.prior import Prior, forces_of
 from beamtouch_models.design.accuracy.thresholds import left_by_contact, misfit_threshold
-from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.placement.layout_rules import LayoutRules
+from beamtouch_models.design.placement.mean_error import MeanError
 from beamtouch_models.places import Extent, along_axis, grid_of
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import Errors
@@ -51,20 +45,6 @@ CERTAIN = 1e3
 SLACK = 0.01
 """Share of other loads that a layout may notice less than a reference: too little to be told from chance in a hundred
 loads, and more than a layout that notices none of them could lose."""
-SPARE_NOTICES = 0.1
-"""Share of the error that noticing all other loads is worth to a layout with a spare."""
-CELLS = (256, 1024)
-"""Smallest and largest number of cells; between them, one for each mean error of an equal pitch. Twice as many change
-no score by more than its scatter."""
-KNOWN_FORCE_CONTACTS, OPEN_FORCE_CONTACTS = 512, 128
-"""Usual number of contacts; numbers are powers of two."""
-LEAST = 64
-"""Fewest contacts, and fewest cells."""
-AT_ONCE = 64
-"""Contacts that are scored at once: their densities stay in the processor's cache."""
-NEGLIGIBLE = 15.0
-"""Difference to the largest log density beyond which a cell is not part of a posterior."""
-TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -148,170 +128,60 @@ def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Samp
 
 @dataclass(frozen=True)
 class PositionError:
-    """Minus the mean position error of layouts of a structure in mm, on a few contacts: a search makes it largest.
+    """Minus the position error of layouts of a structure in mm, as a customer meets it: a search makes it largest.
 
-    Without a spare only layouts are allowed that notice other loads as well as `least`. With one, the error is the
-    largest over each one sensor failed, less `SPARE_NOTICES` of it times the share of other loads that is noticed.
+    The mean error, and that with the worst sensor failed, count by the shares of the time in which the surface works
+    with all sensors and with one failed. A layout that notices other loads less than `least` has no score, or, while
+    a search looks for where to begin, a smaller one.
     """
 
     rules: LayoutRules
-    force_n: tuple[float, float]
-    """Range of forces, with equal ends if the force is known."""
-    sampling: Sampling
-    spare: int
-    """Sensors that may fail, 0 or 1."""
+    with_all: MeanError
+    with_failed: MeanError
+    """May have fewer contacts, as errors with a sensor failed count less."""
+    failed_share: float
+    """Share of the time, 0 to 1, in which the worst sensor has failed."""
     others: OtherLoads
     least: Floats
-    """(kinds,), shares of other loads that a layout without a spare notices at least."""
-    edges_mm: list[Floats]
-    """(axes,), edges of the cells along each axis of the extent."""
-    shapes: Floats
-    """(cells, candidates), deflection per newton at the middles of the cells, in mm/N."""
-    variance: Floats | None
-    """(cells, candidates), its variance by the mounting of a sensor, in (mm/N)^2; None if places are exact."""
-    clean_mm: Floats
-    """(contacts, candidates), deflection."""
-    deviation_mm: Floats
-    """(contacts, candidates), standard deviation of a sample of it."""
-    noise: Floats
-    """(contacts, sensors), with variance 1; 0 if the force is open."""
-    weight: Floats
-    """(contacts,), 1 on average."""
+    """(kinds,), shares of other loads that a layout notices at least."""
+    price: float = np.inf
+    """Share of the error that noticing none of the other loads, instead of `least`, adds; infinite: it has no score."""
     at_once: int = 1
+    missed_most: list[int] = field(default_factory=list)
+    """The sensor whose failure was worst last: it is likely the worst again, and tried first. It changes no score."""
 
     def scores(self, layouts: Indices, above: float = -np.inf) -> Floats:
         """Return minus the error in mm of layouts (population, sensors), ascending; -inf if not allowed.
 
-        With a spare, the score of a layout below `above` is that of the first failed sensor that puts it there.
+        The score of a layout below `above` is the first that puts it there.
         """
         scores = np.full(len(layouts), -np.inf)
         for row in np.flatnonzero(self.rules.allowed(layouts)):
             scores[row] = self._score(layouts[row], above)
         return scores
 
+    def error_mm(self, layout: Indices) -> float:
+        """Return the error of a layout (sensors,), ascending, whatever else it notices."""
+        return -list(self._bounds(layout))[-1]
+
     def _score(self, layout: Indices, above: float) -> float:
-        """Return the score of a layout (sensors,) that the rules allow."""
-        if not self.spare:
-            return -self.error_mm(layout) if np.all(self.others.noticed(layout) >= self.least) else -np.inf
-        score, worth = 0.0, self.worth(layout)
-        for index in range(len(layout)):
-            score = min(score, -worth * self.error_mm(np.delete(layout, index)))
-            if score < above:
-                break
-        return score
+        """Return the score of a layout (sensors,) that the rules allow; the cheap parts come first."""
+        for score in self._bounds(layout):
+            if score <= above:
+                return score
+        missing = np.maximum(self.least - self.others.noticed(layout), 0.0).sum()
+        return score * (1 + self.price * float(missing)) if missing else score
 
-    def worth(self, layout: Indices) -> float:
-        """Return the factor on the error of a layout (sensors,) for what else it notices; 1 without a spare."""
-        return 1 - SPARE_NOTICES * float(self.others.noticed(layout).mean()) if self.spare else 1.0
-
-    def error_mm(self, sensors: Indices) -> float:
-        """Return the mean error of sensors (sensors,), ascending, whatever else they notice."""
-        parts = range(0, len(self.weight), AT_ONCE)
-        distances = [self._distances_mm(sensors, slice(first, first + AT_ONCE)) for first in parts]
-        return float(np.concatenate(distances) @ self.weight) / len(self.weight)
-
-    def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
-        """Return the mean distances from the posterior medians of a part of the contacts."""
-        sample = self.clean_mm[part, sensors] + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
-        root = 1 / self.sampling.errors.deviation_mm(sample)
-        shapes = self.shapes[None, :, sensors]
-        variance = None if self.variance is None else self.variance[None, :, sensors]
-        density = log_density(forces_of(self.force_n, 0.0), root, root * sample, shapes, variance, NEGLIGIBLE)
-        return mean_distances(self.edges_mm, density)
-
-
-def position_error_of(
-    influence: InfluenceFunction,
-    rules: LayoutRules,
-    equal: Indices,
-    sampling: Sampling,
-    seed: int,
-    *,
-    spare: int = 0,
-    reference: Indices | None = None,
-    effort: Effort = USUAL,
-) -> PositionError:
-    """Draw the contacts of the objective.
-
-    `equal` (sensors,) is the allowed layout nearest to equal pitch. A layout without a spare notices other loads as
-    well as `reference` (sensors,); None: it need not notice any.
-    """
-    errors = sampling.errors
-    prior = Prior.of(influence, rules.place_mm[equal], errors)
-    usual = KNOWN_FORCE_CONTACTS if prior.force_is_known else OPEN_FORCE_CONTACTS
-    contacts = 1 << (effort.of(usual, LEAST) - 1).bit_length()
-    drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
-    drawn, weight = concentrate_on_errors(prior, drawn)
-    fewest, most = (effort.of(number, LEAST) for number in CELLS)
-    cells = float(np.linalg.norm(prior.extent.size_mm)) / cramer_rao_error_mm(prior)
-    edges = concentrated_ticks(prior, int(np.clip(cells, fewest, most)))
-    middles = grid_of([(ticks[1:] + ticks[:-1]) / 2 for ticks in edges])
-    clean = influence.at(rules.place_mm, drawn) * force[:, None]
-    variance: Floats | None = None
-    mounting: Floats | float = 0.0
-    if influence.is_uncertain(errors.mounting_mm):
-        variance = influence.variance(rules.place_mm, middles, errors.mounting_mm)
-        mounting = influence.variance(rules.place_mm, drawn, errors.mounting_mm) * force[:, None] ** 2
-    others = other_loads(influence, rules, sampling)
-    return PositionError(
-        rules=rules,
-        force_n=influence.force_n,
-        sampling=sampling,
-        spare=spare,
-        others=others,
-        least=np.array(-np.inf) if reference is None else others.noticed(reference) - SLACK,
-        edges_mm=edges,
-        shapes=influence.at(rules.place_mm, middles),
-        variance=variance,
-        clean_mm=clean,
-        deviation_mm=errors.deviation_mm(clean, mounting),
-        noise=noise if prior.force_is_known else np.zeros_like(noise),
-        weight=weight / weight.mean(),
-    )
-
-
-def mean_distances(edges_mm: list[Floats], log_density: Floats) -> Floats:
-    """Return the mean distance from the median in mm (contacts,) of densities that are constant within each cell.
-
-    Of two axes, the median is that along each, and distances are those of the middles of cells.
-
-    Parameters
-    ----------
-    edges_mm : (axes,), edges of the cells along each axis
-    log_density : (contacts, cells), each row up to a constant
-    """
-    widths = [np.diff(edges) for edges in edges_mm]
-    # In place: fresh memory for each step takes longer than the step.
-    mass = log_density - log_density.max(axis=1, keepdims=True)
-    np.exp(np.maximum(mass, MIN_LOG, out=mass), out=mass)
-    mass *= grid_of(widths).prod(axis=1)
-    return _distances_on_line(widths[0], mass) if len(widths) == 1 else _distances_of_cells(edges_mm, mass)
-
-
-def _distances_of_cells(edges_mm: list[Floats], mass: Floats) -> Floats:
-    """Return the mean distances of masses (contacts, cells) from their medians along each axis."""
-    mass = mass / mass.sum(axis=1, keepdims=True)
-    middles, axes = [(edges[1:] + edges[:-1]) / 2 for edges in edges_mm], range(len(edges_mm))
-    masses = mass.reshape(len(mass), *map(len, middles))
-    medians = np.empty((len(mass), len(middles)))
-    for axis in axes:
-        marginal = masses.sum(axis=tuple(1 + other_axis for other_axis in axes if other_axis != axis))
-        medians[:, axis] = middles[axis][(np.cumsum(marginal, axis=1) >= 0.5).argmax(axis=1)]
-    places = grid_of(middles)
-    distances = [row @ np.linalg.norm(places - median, axis=1) for row, median in zip(mass, medians, strict=True)]
-    return np.array(distances)
-
-
-def _distances_on_line(width: Floats, mass: Floats) -> Floats:
-    """Return the same of one axis, from the widths (cells,) and the masses (contacts, cells), which it overwrites."""
-    below = np.cumsum(mass, axis=1, out=mass)
-    below /= below[:, -1:]
-    median = (below >= 0.5).argmax(axis=1)
-    rows = np.arange(len(below))
-    before, after = np.where(median > 0, below[rows, median - 1], 0.0), below[rows, median]
-    # The mean distance is the integral of the smaller of the distribution function and its complement.
-    ends = np.minimum(below, 1 - below, out=below)
-    trapezoids: Floats = ends @ (width + np.append(width[1:], 0.0)) / 2
-    missing = (0.5 - before) * (after - 0.5) / np.maximum(after - before, TINY)
-    distances: Floats = trapezoids + width[median] * missing
-    return distances
+    def _bounds(self, layout: Indices) -> Iterator[float]:
+        """Yield what the score of a layout without regard to other loads is at most, the score itself at last."""
+        working, worst = (1 - self.failed_share), 0.0
+        error = self.with_all.of(layout) if working else 0.0
+        yield -(error if working else 0.0)  # fewer sensors do not err less
+        if not self.failed_share or len(layout) == 1:
+            return
+        order = sorted(range(len(layout)), key=lambda index: index not in self.missed_most)
+        for index in order:
+            failed = self.with_failed.of(layout, index)
+            if failed > worst:
+                worst, self.missed_most[:] = failed, [index]
+            yield -(working * error + self.failed_share * worst)

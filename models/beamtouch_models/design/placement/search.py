@@ -27,6 +27,8 @@ MAX_EVALUATIONS = 2_000
 of many sensors."""
 JUMPS = 24
 """Places over the structure at which each sensor is tried once no step gains, about."""
+NEAR = 64
+"""Part of the structure by which a refinement moves sensors at first."""
 MAX_PAIRS_OF = 8
 """Number of sensors up to which any two move at once; of more, only neighbours."""
 POPULATION = 36
@@ -78,6 +80,20 @@ class SearchRun:
         return self.scores[-1]
 
 
+def refine(objective: Objective, layout: Indices, most: int, step: int | None = None) -> SearchRun:
+    """Move the sensors of an allowed layout (sensors,) while it gains, at first by a step in places, by default small.
+
+    `most` is that of `exchange`.
+    """
+    first = SearchRun((layout,), (float(objective.scores(layout[None])[0]),), 1)
+    return _by_steps(objective, first, most, step or near_steps(objective.rules))
+
+
+def near_steps(rules: LayoutRules) -> int:
+    """Return how many places a refinement moves a sensor at first."""
+    return max(1, rules.ticks_across // NEAR)
+
+
 def search_from(
     starts: Sequence[Indices],
     objective: Objective,
@@ -85,8 +101,12 @@ def search_from(
     seed: int,
     progress: Fraction = silent,
     effort: Effort = USUAL,
+    finest: int = 1,
 ) -> list[SearchRun]:
-    """Return a run from each allowed start (sensors,), of which there is one at least; a seed gives the same runs."""
+    """Return a run from each allowed start (sensors,), of which there is one at least; a seed gives the same runs.
+
+    `finest` is the smallest step of an exchange, in places.
+    """
     rng, runs = np.random.default_rng(seed), []
     most = effort.of(MAX_EVALUATIONS) * objective.at_once
     layouts = np.sort(np.array(starts), axis=1)
@@ -95,10 +115,8 @@ def search_from(
         progress(number / len(distinct))
         score = float(objective.scores(layout[None])[0])
         if score > -np.inf:
-            first = SearchRun((layout,), (score,), 1)
-            runs.append(
-                exchange(objective, first, most) if search == "exchange" else paper_search(objective, first, rng)
-            )
+            run, by_steps = SearchRun((layout,), (score,), 1), search == "exchange"
+            runs.append(exchange(objective, run, most, finest) if by_steps else paper_search(objective, run, rng))
     return runs
 
 
@@ -108,13 +126,15 @@ def first_best(runs: Sequence[SearchRun]) -> SearchRun:
     return next(run for run in runs if run.score >= best - 1e-9 * abs(best))
 
 
-def exchange(objective: Objective, run: SearchRun, most: int) -> SearchRun:
+def exchange(objective: Objective, run: SearchRun, most: int, finest: int = 1) -> SearchRun:
     """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does.
 
     At the end each sensor is tried all over the structure; the steps begin anew from the largest gain. After `most`
     layouts it tries no smaller step.
     """
-    run, count = _by_steps(objective, run, most), len(run.layout)
+    count = len(run.layout)
+    step = max(1, objective.rules.ticks_across // (4 * along_axis(count, objective.rules.axes)))
+    run = _by_steps(objective, run, most, step, finest)
     places = objective.rules.evenly(JUMPS)
     while run.evaluations < most:
         trials = np.repeat(run.layout[None, :], len(places) * count, axis=0)
@@ -130,15 +150,16 @@ def exchange(objective: Objective, run: SearchRun, most: int) -> SearchRun:
         evaluations = run.evaluations + len(trials)
         if best_score == run.score:
             return SearchRun(run.layouts, run.scores, evaluations)
-        run = _by_steps(objective, SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations), most)
+        run = SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations)
+        run = _by_steps(objective, run, most, step, finest)
     return run
 
 
-def _by_steps(objective: Objective, run: SearchRun, most: int) -> SearchRun:
+def _by_steps(objective: Objective, run: SearchRun, most: int, step: int, finest: int = 1) -> SearchRun:
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
     rules, group, sensors = objective.rules, objective.at_once, len(run.layout)
-    step, moves = max(1, rules.ticks_across // (4 * along_axis(sensors, rules.axes))), _moves(sensors, rules.axes)
-    while step and evaluations < most:
+    moves = _moves(sensors, rules.axes)
+    while step >= finest and evaluations < most:
         before = len(scores)
         for first in range(0, len(moves), group):
             tried = moves[first : first + group]

@@ -171,5 +171,8 @@ class Requirements(Strict):
     """Time for which the mean of a contact at rest may grow on."""
     false_contacts_per_day: PositiveFinite = 1 / 30
     """Contacts per day that may be stated although nothing touches; by default one a month."""
+    failed_percent: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 10.0
+    """Share of the time in which the surface must work although its worst sensor has failed. Sensors are placed so that
+    the mean error is least over all of the time: 0 is the time with all sensors, 100 that with the worst one failed."""
     descriptors: Annotated[tuple[Descriptor, ...], Field(strict=False)] = ("position",)
     """Figures that the model states; the position is always one of them."""

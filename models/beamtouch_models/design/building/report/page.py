@@ -4,8 +4,7 @@ Beyond what the build measured, it shows the error along the beam, components, a
 """
 
 import re
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.resources import files
 
 import numpy as np
@@ -19,19 +18,19 @@ from beamtouch_models.design.accuracy.limit import compare_limits, simulated
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.design.building.build import Built
+from beamtouch_models.design.building.compared import Compared, compare_layout
 from beamtouch_models.design.building.remarks import weak_spot
 from beamtouch_models.design.building.report.beam_drawing import beam_drawing
 from beamtouch_models.design.building.report.parts import parts_of, places_of
 from beamtouch_models.design.building.report.questions import can, cannot, questions
 from beamtouch_models.design.charts import STYLE, Chart, Series, draw
 from beamtouch_models.design.placement.eigenvalue_product import principal_components
-from beamtouch_models.design.placement.layout_rules import equal_pitch_mm
-from beamtouch_models.design.placement.placing import DEFAULT_AIM, place, place_by_position_error, score_layout
+from beamtouch_models.design.placement.placing import DEFAULT_AIM, score_layout
+from beamtouch_models.design.placement.reasons import Costs
 from beamtouch_models.design.pricing.prices import NEGLIGIBLE, VERDICTS
 from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.sweeps import Progress
-from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import rounded, with_error
 from beamtouch_models.places import on_axis, positions_of
 from beamtouch_models.runtime.description import SOUGHT, extremes, nothing_seen, per_day, unseen
@@ -87,7 +86,7 @@ class OtherLayout:
     """In the unit of `Placement.log_eigenvalue_product`."""
     limit: Measurement
     """In percent of the length."""
-    taken: bool
+    costs: Costs
 
 
 @dataclass(frozen=True)
@@ -99,6 +98,8 @@ class Facts:
     model: ModelFile
     profile: Profile
     layouts: tuple[OtherLayout, ...]
+    """The model's first."""
+    compared: Compared
 
 
 def gather(built: Built, progress: Progress) -> Facts:
@@ -106,7 +107,7 @@ def gather(built: Built, progress: Progress) -> Facts:
     progress("measuring for the report", 0.97)
     model = load_bytes(built.content, "the model just built")
     profile = _profile(built.layout.prior, model, built)
-    return Facts(built.layout.surface.scene, built, model, profile, _layouts(built))
+    return Facts(built.layout.surface.scene, built, model, profile, *_layouts(built))
 
 
 def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
@@ -146,41 +147,22 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
     )
 
 
-def _layouts(built: Built) -> tuple[OtherLayout, ...]:
+def _layouts(built: Built) -> tuple[tuple[OtherLayout, ...], Compared]:
     """Compare the model's layout with others, all on the same contacts."""
-    surface, placement, aim_taken = built.layout.surface, built.layout.placement, built.layout.aim
-    influence, rules, sampling = surface.influence, surface.rules, surface.sampling
-    taken, seed, found_by = built.layout.positions_mm, built.metadata.seed, aim_taken.criterion
-    effort, aim = aim_taken.effort, replace(DEFAULT_AIM, effort=aim_taken.effort)
-    named = {"equal pitch": equal_pitch_mm(influence.size_mm, len(taken))[:, 0]}
-    # A layout that was kept, not searched, may be another one than its criterion finds now.
-    searched = placement.evaluations > 0 and not aim_taken.spare
-    # The rules may leave too few independent readings; only the product needs as many as there are sensors.
-    with suppress(SceneError):
-        named["eigenvalue product"] = (
-            taken
-            if searched and found_by == "eigenvalue-product"
-            else np.array(place(influence, rules, len(taken), seed, effort=effort).positions_mm)
+    surface, aim, seed = built.layout.surface, built.layout.aim, built.metadata.seed
+    # A layout that was kept, not searched, or by another criterion, is shown beside that which would be placed now.
+    anew = aim.criterion != DEFAULT_AIM.criterion or not built.layout.placement.evaluations
+    compared = compare_layout(built.layout, seed, anew=anew)
+    priors = [surface.prior(positions) for positions in compared.positions_mm.values()]
+    draws = aim.effort.of(LAYOUT_DRAWS, LEAST_DRAWS)
+    limits = compare_limits(built.layout.prior, priors, draws, seed + SEED_SHIFT + 1)
+    layouts = [
+        OtherLayout(name, positions, score_layout(surface.influence, on_axis(positions)), each.limit, costs)
+        for (name, positions), each, costs in zip(
+            compared.positions_mm.items(), limits, compared.costs.values(), strict=True
         )
-    named["position error"] = (
-        taken
-        if searched and found_by == "position-error"
-        else np.array(place_by_position_error(influence, rules, len(taken), seed, sampling, aim).positions_mm)
-    )
-    if not any(np.allclose(taken, positions) for positions in named.values()):
-        named["the model's"] = taken
-    priors = [surface.prior(positions) for positions in named.values()]
-    limits = compare_limits(built.layout.prior, priors, effort.of(LAYOUT_DRAWS, LEAST_DRAWS), seed + SEED_SHIFT + 1)
-    return tuple(
-        OtherLayout(
-            name,
-            positions,
-            score_layout(influence, on_axis(positions)),
-            compared.limit,
-            bool(np.allclose(taken, positions)),
-        )
-        for (name, positions), compared in zip(named.items(), limits, strict=True)
-    )
+    ]
+    return tuple(layouts), compared
 
 
 MAX_CHARTED = 8
@@ -227,7 +209,6 @@ def page(facts: Facts) -> str:
         drawing=drawing,
         drawn=caption,
         charts=charts,
-        marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
         negligible=NEGLIGIBLE,
         rings=[] if ringing is None else describe_ringing(ringing),
         missed=unseen(metadata),
