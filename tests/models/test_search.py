@@ -78,7 +78,7 @@ def test_with_a_spare_the_score_is_the_worst_failure_less_what_is_noticed() -> N
 @pytest.mark.parametrize(
     ("force_n", "errors"),
     [
-        (10.0, Errors(0.03)),
+        ((10.0, 10.0), Errors(0.03)),
         pytest.param((2.0, 20.0), Errors(0.01), marks=pytest.mark.soak),
         pytest.param((2.0, 20.0), Errors(0.004, 0.02, 0.005), marks=pytest.mark.soak),
         ((2.0, 20.0), Errors(0.004, 0.003, 0.001, 3.0)),

@@ -3,7 +3,7 @@
 *Error.* It is the accuracy limit of a few contacts on a coarse grid: the mean width of posteriors, which holds all
 errors of a sample: noise, gains, zeros and the mounting of the sensors. If the force is open, the samples themselves
 are drawn without errors: of layouts on the bench scene, the ratio of this width to the limit scatters by 0.4 %; with
-drawn errors it scatters by 1.2 %, because a layout then fits the errors that were drawn. If the force is known, two
+drawn errors it scatters by 1.2 %, because a layout then fits the errors that were drawn. If it is not, two
 places may explain a sample alike, and only drawn errors show how often; then there are more contacts. The contacts are
 the same for every layout, and more of them lie where errors are large. The cells of the grid are narrower where an
 equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
@@ -12,7 +12,7 @@ equal pitch tells more positions apart. Nothing here bounds how much better anot
 a load distributed evenly over that half, each at several places and with several forces. A load moves the whitened
 sample by m. The best single contact leaves the distance
 
-    d^2 = min over x and F >= 0 of |m - F W G(x)|^2,
+    d^2 = min over x and F >= 0 of |m - F W G(x)|^2 + what a force F beyond the stated range costs,
 
 by which the chi-square of the misfit becomes a noncentral one. The load is noticed if the misfit exceeds the threshold
 that a model has at this rate and window. W holds the errors of a settled sample of the load: noise, gains, zeros and
@@ -39,6 +39,7 @@ from beamtouch_models.design.placement.layout_rules import LayoutRules
 from beamtouch_models.places import Extent, along_axis, grid_of
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import Errors
+from beamtouch_models.runtime.force_range import ForceRange
 
 KINDS, PLACES, FORCES = 2, 8, 4
 """Kinds of loads; for each, places over the extent, about, and forces."""
@@ -99,13 +100,15 @@ class OtherLoads:
     """(contacts, candidates), deflection per newton under them, in mm/N."""
     forces: int
     """Number of forces."""
+    stated: ForceRange
+    """The range of the force of one contact."""
     sampling: Sampling
 
     def noticed(self, layout: Indices) -> Floats:
         """Return the share of each kind (kinds,) that a layout (sensors,) notices."""
-        channels = left_by_contact(len(layout))
+        free = left_by_contact(len(layout), self.stated.checked)
         square = np.minimum(self.unexplained(layout), CERTAIN)
-        missed = chndtr(self.threshold(len(layout)), channels, square)
+        missed = chndtr(self.threshold(len(layout)), free, square)
         share: Floats = 1 - missed.reshape(self.forces, KINDS, -1).mean(axis=(0, 2))
         return share
 
@@ -113,12 +116,12 @@ class OtherLoads:
         """Return the misfit that a model of this many sensors takes for that of one contact at most."""
         sampling, errors = self.sampling, self.sampling.errors
         noise = errors.noise_mm / float(np.hypot(errors.noise_mm, errors.zero_mm))
-        return misfit_threshold(noise, sensors, sampling.rate_hz, sampling.readings)
+        return misfit_threshold(noise, sensors, self.stated.checked, sampling.rate_hz, sampling.readings)
 
     def unexplained(self, layout: Indices) -> Floats:
         """Return d^2 of each load (loads,) for a layout (sensors,)."""
         curve = Curve(self.ticks, self.shapes[:, layout])
-        return curve.unexplained(self.sample[:, layout], self.precision[:, layout])
+        return curve.unexplained(self.sample[:, layout], self.precision[:, layout], self.stated)
 
 
 def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Sampling) -> OtherLoads:
@@ -143,7 +146,8 @@ def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Samp
         mounting = (deviation**2).sum(axis=2)
     ticks = tuple(extent.ticks(CONTACTS))
     shapes = influence.at(rules.place_mm, grid_of(list(ticks)))
-    return OtherLoads(sample, 1 / errors.variance_mm2(sample, mounting), ticks, shapes, len(forces), sampling)
+    precision, stated = 1 / errors.variance_mm2(sample, mounting), ForceRange(weak, strong)
+    return OtherLoads(sample, precision, ticks, shapes, len(forces), stated, sampling)
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,7 @@ class PositionError:
 
     rules: LayoutRules
     force_n: tuple[float, float]
-    """Range of forces, with equal ends if the force is known."""
+    """Range of forces."""
     sampling: Sampling
     spare: int
     """Sensors that may fail, 0 or 1."""
@@ -238,7 +242,8 @@ def position_error_of(
     """
     errors = sampling.errors
     prior = Prior.of(influence, rules.place_mm[equal], errors)
-    usual = KNOWN_FORCE_CONTACTS if prior.force_is_known else OPEN_FORCE_CONTACTS
+    is_open = prior.force_range.is_open
+    usual = OPEN_FORCE_CONTACTS if is_open else KNOWN_FORCE_CONTACTS
     contacts = 1 << (effort.of(usual, LEAST) - 1).bit_length()
     drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
     drawn, weight = concentrate_on_errors(prior, drawn)
@@ -265,7 +270,7 @@ def position_error_of(
         variance=variance,
         clean_mm=clean,
         deviation_mm=errors.deviation_mm(clean, mounting),
-        noise=noise if prior.force_is_known else np.zeros_like(noise),
+        noise=np.zeros_like(noise) if is_open else noise,
         weight=weight / weight.mean(),
     )
 
