@@ -371,7 +371,8 @@ def state_answers(graph: Graph, prior: Prior, found: Scored, least: str, grid: G
     posterior = graph.apply("LpNormalization", likely, axis=2, p=1)
     posterior = graph.apply("Max", posterior, graph.constant(MIN_MASS))
     low_mm, high_mm = prior.extent.range_mm
-    _state_position(graph, grid, posterior, high_mm - low_mm, every_row=known is None)
+    is_exact = prior.force_n[0] == prior.force_n[1]
+    _state_position(graph, grid, posterior, high_mm - low_mm, every_row=not is_exact)
     if not with_force:
         return list(POSITION_OUTPUTS)
     state_force(graph, prior.force_range, found, posterior, masses, fine=grid.fine)
