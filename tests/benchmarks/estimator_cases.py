@@ -88,7 +88,7 @@ def drawn_of(case: Case) -> tuple[Prior, Draws, Floats]:
     low, high = scene.contact.force_range_n
     low, high = OPEN_N if low == high else (low, high)
     largest = travel_of(influence_of(scene)).largest_mm * high / scene.contact.force_range_n[1]
-    contact = scene.contact.model_copy(update={"force_n": high if case.known else (low, high)})
+    contact = scene.contact.model_copy(update={"force_n": (high if case.known else low, high)})
     influence = influence_of(scene.model_copy(update={"contact": contact}))
     prior = Prior.of(influence, on_axis(np.array(layout)), Errors(largest * case.noise_percent / 100))
     drawn = draw(prior, DRAWS, SEED)

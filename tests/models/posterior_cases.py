@@ -58,8 +58,8 @@ def answers_of(
 
 
 def graph_of(prior: Prior) -> onnx.ModelProto:
-    """The posterior graph, with force where that is not known."""
-    return posterior_graph(prior, with_force=not prior.force_is_known)
+    """The posterior graph, with force where that is not exact."""
+    return posterior_graph(prior, with_force=prior.force_n[0] < prior.force_n[1])
 
 
 def plain_posterior(prior: Prior, reading: Floats, covariance_mm2: Floats, forces: Forces) -> tuple[Floats, Floats]:

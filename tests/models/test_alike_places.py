@@ -25,13 +25,13 @@ CASES: dict[str, Case] = {
         *(OVERHANGS, (0.2, 20.0), (0.0, 400.0), 80.0, [7.0, 193.0, 393.0]),
         {"noise_mm": 1e-4},
     ),
-    "two places of a known force": (SPANS, 20.0, (100.0, 398.0), 0.0, FIVE, {"noise_mm": 1e-5}),
+    "two places of a known force": (SPANS, (20.0, 20.0), (100.0, 398.0), 0.0, FIVE, {"noise_mm": 1e-5}),
     "sensors beside their positions": (
         *("fixed-fixed", (10.0, 30.0), (0.0, 360.0), 0.0, [60.0, 127.0, 160.0, 207.0, 380.0]),
         {"noise_mm": 1e-4, "gain_error_percent": 0.01, "mounting_tolerance_mm": 0.8},
     ),
     "beside a support within the range": (
-        *(HELD, 10.0, (0.0, 360.0), 0.0, [87.0, 167.0, 307.0, 393.0]),
+        *(HELD, (10.0, 10.0), (0.0, 360.0), 0.0, [87.0, 167.0, 307.0, 393.0]),
         {"noise_mm": 3e-4, "gain_error_percent": 0.08},
     ),
 }

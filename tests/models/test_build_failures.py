@@ -72,7 +72,7 @@ def test_a_model_that_misses_its_bounds_is_not_written_by_build_and_is_a_note_of
     monkeypatch.setattr(measure, "MAX_RATIO", 0.1)  # no model is better than the limit
     scene, model = tmp_path / "scene.toml", tmp_path / "model.onnx"
     scene.write_text(PAPER.replace("count = 2", "count = [2, 2]\ngrid_mm = 57"))
-    why = "with 0.0226 mm of noise the error is "
+    why = "with 0.0228 mm of noise the error is "
     built = design_sensors_roughly("build", scene, "-o", model)
     assert (built.returncode, built.stdout) == (1, "")
     assert f"design-sensors: nothing was written: {why}" in built.stderr

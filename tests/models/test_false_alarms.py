@@ -64,13 +64,15 @@ def test_false_stretches_come_at_most_once_a_day_at_rest_and_during_contacts(
 
 
 def test_thresholds_of_noise_alone_follow_the_chi_square_distribution() -> None:
-    # Once in 2e7 samples, the squares of 1, 2 and 6 directions exceed 29.7, 33.6 and 44.9 (tables).
+    # Once in 2e7 samples, the squares of 1, 2 and 6 directions exceed 29.7, 33.6 and 44.9 (tables). An exact force
+    # leaves one more direction than an open one.
     for channels, square in ((3, 29.7), (4, 33.6), (8, 44.9)):
         rate_hz = 0.5 / 86_400 * 2e7
-        # Means of very many readings are all alike.
-        assert misfit_threshold(1.0, channels, rate_hz, readings=63) == pytest.approx(square, rel=0.03)
-        # To raise three means of two readings takes twice the squares that raise one.
-        assert 0.4 * square < misfit_threshold(1.0, channels, rate_hz, readings=2) < 0.65 * square
+        for size, checked in ((channels, 0.0), (channels - 1, 1.0)):
+            # Means of very many readings are all alike.
+            assert misfit_threshold(1.0, size, checked, rate_hz, readings=63) == pytest.approx(square, rel=0.03)
+            # To raise three means of two readings takes twice the squares that raise one.
+            assert 0.4 * square < misfit_threshold(1.0, size, checked, rate_hz, readings=2) < 0.65 * square
 
 
 def test_thresholds_rise_with_readings_that_successive_means_share_and_rest_is_no_lower_than_misfit() -> None:

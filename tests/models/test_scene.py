@@ -70,6 +70,24 @@ def test_a_bad_scene_is_refused_in_one_line_that_names_the_key(old: str, new: st
     assert "\n" not in message
 
 
+@pytest.mark.promise(
+    "docs/explanation/what-it-can-know.md",
+    "A scene that states one number means it within `force_tolerance_percent`, 1 unless stated",
+)
+@pytest.mark.parametrize(
+    ("stated", "force_n"),
+    [
+        ("force_n = 10.0", (9.9, 10.1)),
+        ("force_n = 10.0\nforce_tolerance_percent = 0", (10.0, 10.0)),
+        ("force_n = 10.0\nforce_tolerance_percent = 5", (9.5, 10.5)),
+        ("force_n = [9.0, 12.0]", (9.0, 12.0)),
+    ],
+)
+def test_one_force_is_known_within_a_tolerance(stated: str, force_n: tuple[float, float]) -> None:
+    scene = parse_scene(PAPER.replace("force_n = 10.0", stated), "x.toml")
+    assert scene.contact.force_range_n == pytest.approx(force_n, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -125,7 +125,7 @@ def test_a_score_that_does_not_win_may_be_any_that_does_not_and_one_that_wins_is
 @pytest.mark.parametrize(
     ("force_n", "errors"),
     [
-        (10.0, Errors(0.03)),
+        ((10.0, 10.0), Errors(0.03)),
         pytest.param((2.0, 20.0), Errors(0.01), marks=pytest.mark.soak),
         pytest.param((2.0, 20.0), Errors(0.004, 0.02, 0.005), marks=pytest.mark.soak),
         ((2.0, 20.0), Errors(0.004, 0.003, 0.001, 3.0)),

@@ -126,7 +126,8 @@ def test_a_load_beyond_a_known_force_is_placed_where_it_is() -> None:
     answers = answers_of(graph, prior, clean + np.random.default_rng(1).normal(size=clean.shape) * deviation)
     assert share_held(answers, "position", "mm", position) >= 0.93
     assert share_held(answers, "force", "n", force) >= 0.85
-    assert np.quantile(answers["misfit"], 0.9) == pytest.approx(chdtri(2, 0.1), rel=0.2)
+    # It is where it is said to be, and no contact of this surface.
+    assert answers["misfit"].min() > chdtri(3, 1e-9)
 
 
 @pytest.mark.soak

@@ -23,6 +23,7 @@ from beamtouch_models.names import SearchName
 from beamtouch_models.places import grid_of
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import Errors
+from beamtouch_models.runtime.force_range import ANY_FORCE, ForceRange
 
 SIZE_MM = np.array([400.0, 300.0])
 SPRING_N_PER_MM = 15.0
@@ -88,7 +89,7 @@ def test_the_best_contact_is_where_the_load_was(at: Callable[[Floats, Floats], F
     assert np.quantile(np.abs(found_mm - place_mm).max(axis=1), 0.98) < 0.1
     assert np.quantile(np.abs(found_n / force_n - 1), 0.98) < 2e-3
     one_n = clean_mm / force_n[:, None]
-    at_known_mm, _ = table.best_contacts(7 * one_n, weight, 7.0)
+    at_known_mm, _ = table.best_contacts(7 * one_n, weight, ForceRange(7.0, 7.0))
     assert np.quantile(np.abs(at_known_mm - place_mm).max(axis=1), 0.98) < 0.1
     assert table.unexplained(clean_mm, weight).max() < 1e-2
 
@@ -220,8 +221,8 @@ def test_sensors_of_a_plate_are_placed_by_position_error() -> None:
 def test_fewer_sensors_than_a_place_has_axes_explain_a_contact_somewhere() -> None:
     table = Curve(tuple(TICKS_MM), bent_mm(np.array([[120.0, 90.0]]), grid_of(TICKS_MM)))
     clean_mm = np.array([[0.1], [0.02]])
-    for known_n in (None, 10.0):
-        place_mm, force_n = table.best_contacts(clean_mm, np.full((2, 1), 1e6), known_n)
+    for stated in (ANY_FORCE, ForceRange(10.0, 10.0), ForceRange(9.0, 11.0)):
+        place_mm, force_n = table.best_contacts(clean_mm, np.full((2, 1), 1e6), stated)
         assert np.isfinite(place_mm).all()
         assert np.isfinite(force_n).all()
     layout = place_by_position_error(

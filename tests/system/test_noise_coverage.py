@@ -100,7 +100,9 @@ class Model:
         physics = resolve(self.scene, chosen=chosen)
         self.window = chosen.window
         self.prior = real_prior(physics.scene, self.layout, physics.noise.sample_mm)
-        self.run: Run = runner(to_bytes(posterior_graph(self.prior, with_force=not self.prior.force_is_known)))
+        self.run: Run = runner(
+            to_bytes(posterior_graph(self.prior, with_force=self.prior.force_n[0] < self.prior.force_n[1]))
+        )
 
 
 def held(model: Model, line: Line, surface: Settings) -> tuple[float, float]:

@@ -86,10 +86,12 @@ def run(options: argparse.Namespace) -> Result:
 
 
 def _assumed_errors(surface: Surface) -> str:
-    """Return which errors the model takes the sensors to have where the scene does not state them."""
+    """Return which errors the model takes forces and sensors to have where the scene does not state them."""
     sensors, readings = surface.scene.sensors, surface.readings
     um_per_min = digits(1e3 * readings.drift_mm_per_min, 3)
-    taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * readings.gain:g}"]
+    tolerance = surface.scene.contact.assumed_tolerance_percent
+    taken = [] if tolerance is None else [f"contact.force_tolerance_percent = {tolerance:g}"]
+    taken += [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * readings.gain:g}"]
     taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {digits(readings.zero_mm, 2)}"]
     is_stated = surface.scene.environment.drift_um_per_min is not None
     taken += [] if is_stated else [f"environment.drift_um_per_min = {um_per_min}"]

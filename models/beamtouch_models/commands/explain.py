@@ -52,6 +52,11 @@ def run(options: argparse.Namespace) -> Result:
             *(("" if place else "ringing", line) for place, line in enumerate(rings)),
         ],
     ]
+    if (tolerance := scene.contact.assumed_tolerance_percent) is not None:
+        weak, strong = scene.contact.force_range_n
+        rows.append(
+            f"force: {weak:g} to {strong:g} N, as contact.force_tolerance_percent is not stated and {tolerance:g} then"
+        )
     if zones:
         edges = _bands_of(surface, zones, effort)
         fields["zones"] = [edge._asdict() for edge in edges]

@@ -12,6 +12,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.places import grid_of
+from beamtouch_models.runtime.force_range import ANY_FORCE, ForceRange
 from beamtouch_models.runtime.metadata import Departures, Metadata
 
 STEPS = 3
@@ -68,12 +69,10 @@ class Curve:
 
         return along_axes(None), np.stack([along_axes(axis) for axis in range(len(weights))], axis=-1)
 
-    def best_contacts(
-        self, linear_mm: Floats, weight: Floats, known_force_n: float | None = None
-    ) -> tuple[Floats, Floats]:
+    def best_contacts(self, linear_mm: Floats, weight: Floats, stated: ForceRange = ANY_FORCE) -> tuple[Floats, Floats]:
         """Return the contacts that fit deflections best, by weights (contacts, channels).
 
-        If the force is known, the place alone is found.
+        `stated` is the range of their forces: those beyond it fit less well.
 
         Returns
         -------
@@ -83,43 +82,47 @@ class Curve:
         # On a support, only rounding is left, which would fit anything under a huge force.
         table = np.where(square[:, None] > (FLAT**2) * square.max(), self.influence, 0.0)
         along, square = (linear_mm * weight) @ table.T, np.maximum(weight @ (table**2).T, _TINY)
-        if known_force_n is None:
-            best = (np.maximum(along, 0.0) ** 2 / square).argmax(axis=1)
-            force = np.take_along_axis(along / square, best[:, None], axis=1)[:, 0]
-        else:
-            best = (2 * along - known_force_n * square).argmax(axis=1)
-            force = np.full(len(best), known_force_n)
-        place = self.place_mm[best]
+        forces = stated.likeliest(along / square, square)
+        # What contacts explain; none if they would have to pull.
+        explained = np.maximum(forces, 0.0) * (2 * along - forces * square) - stated.misfit(forces)
+        best = explained.argmax(axis=1)
+        place, force = self.place_mm[best], np.take_along_axis(forces, best[:, None], axis=1)[:, 0]
         reach = 2 * np.array([ticks[1] - ticks[0] for ticks in self.ticks])
         ends = (np.array([ticks[end] for ticks in self.ticks]) for end in (0, -1))
         low, high = np.maximum(place - reach, next(ends)), np.minimum(place + reach, next(ends))
         shape, slope = self.at(place)
-        first = place, force, _explained(weight, force, shape, linear_mm)
+        first = place, force, _explained(weight, force, shape, linear_mm) - stated.misfit(force)
         for _ in range(STEPS):
-            moved, residual_mm = force[:, None, None] * slope, linear_mm - force[:, None] * shape
-            if known_force_n is None:
-                # A change along the shape may as well come from the force.
-                square = np.maximum(_dot(weight, shape, shape), _TINY)
-                along_shape = np.einsum("nc,nca,nc->na", weight, moved, shape) / square[:, None]
-                across = moved - shape[:, :, None] * along_shape[:, None]
-            else:
-                across = moved
-            place = np.clip(place + _step(weight, moved, across, residual_mm), low, high)
+            square = np.maximum(_dot(weight, shape, shape), _TINY)
+            # Beyond the stated range, the nearest end of it is one more channel, which reads the force.
+            beyond = stated.beyond(_dot(weight, shape, linear_mm) / square)
+            weights = np.column_stack([weight, stated.penalty_per_n2 * (beyond != 0)])
+            left = np.column_stack([linear_mm - force[:, None] * shape, -stated.beyond(force)])
+            shapes = np.column_stack([shape, np.ones(len(shape))])
+            moved = np.pad(force[:, None, None] * slope, ((0, 0), (0, 1), (0, 0)))
+            # A change along the shape may as well come from the force.
+            square = np.maximum(_dot(weights, shapes, shapes), _TINY)
+            along_shape = np.einsum("nc,nca,nc->na", weights, moved, shapes) / square[:, None]
+            across = moved - shapes[:, :, None] * along_shape[:, None]
+            place = np.clip(place + _step(weights, moved, across, left), low, high)
             shape, slope = self.at(place)
-            if known_force_n is None:
-                force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)
+            square = np.maximum(_dot(weight, shape, shape), _TINY)
+            force = stated.likeliest(_dot(weight, shape, linear_mm) / square, square)
         # Beside a support, a step may end on the other side, where only a pull fits.
-        is_worse = _explained(weight, force, shape, linear_mm) < first[2]
+        is_worse = _explained(weight, force, shape, linear_mm) - stated.misfit(force) < first[2]
         return np.where(is_worse[:, None], first[0], place), np.where(is_worse, first[1], force)
 
-    def unexplained(self, linear_mm: Floats, weight: Floats) -> Floats:
-        """Return the weighted squares that the best contact leaves of deflections, (contacts,); a contact never pulls.
+    def unexplained(self, linear_mm: Floats, weight: Floats, stated: ForceRange = ANY_FORCE) -> Floats:
+        """Return the weighted squares that rest or the best contact leaves of deflections, (contacts,).
 
-        The arguments are those of `best_contacts`.
+        A contact never pulls, and one whose force is beyond the stated range leaves more. The arguments are those of
+        `best_contacts`.
         """
-        place, force = self.best_contacts(linear_mm, weight)
-        residual_mm = linear_mm - np.maximum(force, 0.0)[:, None] * self.at(place)[0]
-        return _dot(weight, residual_mm, residual_mm)
+        place, force = self.best_contacts(linear_mm, weight, stated)
+        force = np.maximum(force, 0.0)
+        residual_mm = linear_mm - force[:, None] * self.at(place)[0]
+        left = _dot(weight, residual_mm, residual_mm) + stated.misfit(force)
+        return np.minimum(left, _dot(weight, linear_mm, linear_mm))
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.table import in_columns
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import rounded, with_error
+from beamtouch_models.runtime.force_range import ForceRange
 from beamtouch_models.runtime.metadata import POSITION_OUTPUTS, Metadata
 
 SOUGHT: dict[Criterion, str] = {
@@ -24,7 +25,8 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     layout = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in metadata.layout)
     low, high = metadata.ranges.position_mm
     weak, strong = metadata.ranges.force_n
-    force = f"{weak:g} N, a known force" if weak == strong else f"{weak:g} to {strong:g} N, not known in advance"
+    known = "not known in advance" if ForceRange(weak, strong).is_open else "known"
+    force = f"{weak:g} N, an exact force" if weak == strong else f"{weak:g} to {strong:g} N, {known}"
     gaps = f"linear over gaps of {sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm"
     least, most = str(chosen.window), "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
     mm = metadata.length_mm / 100

@@ -62,7 +62,7 @@ class Ranges(MetadataPart):
 
     position_mm: Pair
     force_n: PositivePair
-    """Equal if the force is known."""
+    """What a force beyond it says against a contact: `runtime.force_range`. Equal if the force is exact."""
 
 
 class Sensor(MetadataPart):

@@ -29,9 +29,12 @@ noise_percent_of_max = 2
 
 
 def paper_scene(**sensors: Any) -> Scene:  # noqa: ANN401  # whatever a TOML value may be
-    """The paper's scene with sensors of no size, as the paper has them, and other values in [sensors]."""
+    """The paper's scene, its force exact and its sensors of no size, and other values in [sensors]."""
     scene = parse_scene(PAPER, "paper.toml").model_dump()
-    return Scene.model_validate({**scene, "sensors": {**scene["sensors"], "size_mm": 0.0, **sensors}})
+    contact = {**scene["contact"], "force_n": (10.0, 10.0)}
+    return Scene.model_validate(
+        {**scene, "contact": contact, "sensors": {**scene["sensors"], "size_mm": 0.0, **sensors}}
+    )
 
 
 PLAIN: Tables = {

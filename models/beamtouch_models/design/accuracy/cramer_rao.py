@@ -1,11 +1,12 @@
 """The Cramer-Rao bound: how well a place can be told near a contact, whatever the estimator.
 
 The covariance of unbiased estimates of a place is at least the inverse of the Fisher information. For a sample of mean
-F g(x) with independent Gaussian errors s per channel, with J the change of F g / s along each axis (channels, axes),
-the information is J'J if the force is known. If the force is open, only the part of J orthogonal to g/s counts: a
-change along g may as well come from the force. The errors are those of noise, gains, zeros and mounting. Their size
-depends on the contact; the bound ignores that. Kay, Fundamentals of Statistical Signal Processing: Estimation Theory,
-1993, sec. 3.7 and 3.8.
+F g(x) with independent Gaussian errors s per channel, let J be the change of F g / s along each axis (channels, axes).
+Only the part of J orthogonal to g/s counts, as a change along g may as well come from the force. A force that is known
+is one more channel, which reads the force and not the place: it adds a row to g/s, that of 1 over the deviation of the
+force (`ForceRange.precision_per_n2`), and zeros to J. For an exact force, all of J counts. The errors are those of
+noise, gains, zeros and mounting. Their size depends on the contact; the bound ignores that. Kay, Fundamentals of
+Statistical Signal Processing: Estimation Theory, 1993, sec. 3.7 and 3.8.
 """
 
 import numpy as np
@@ -29,11 +30,13 @@ def cramer_rao_deviation_mm(prior: Prior, place_mm: Floats, force_n: Floats) -> 
         prior.influence_table.slope(place_mm) / deviation[..., None],
         prior.influence_table(place_mm) / deviation,
     )
-    if not prior.force_is_known:
-        size = (shape**2).sum(axis=1)[:, None]
-        along = np.einsum("nca,nc->na", change, shape)
-        along = np.divide(along, size, out=np.zeros_like(along), where=size > 0)
-        change = change - shape[..., None] * along[:, None]
+    # The force reads itself, as one more channel.
+    shape = np.column_stack([shape, np.full(len(shape), prior.force_range.precision_per_n2**0.5)])
+    change = np.concatenate([change, np.zeros_like(change[:, :1])], axis=1)
+    size = (shape**2).sum(axis=1)[:, None]
+    along = np.einsum("nca,nc->na", change, shape)
+    along = np.divide(along, size, out=np.zeros_like(along), where=size > 0)
+    change = change - shape[..., None] * along[:, None]
     # The information on one axis is the part of its change that the others do not explain (Schur complement of J'J).
     bound = np.empty(place_mm.shape)
     for axis in range(prior.extent.axes):

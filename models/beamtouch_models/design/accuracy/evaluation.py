@@ -134,7 +134,7 @@ def evaluate(
         force_coverage=share_of(
             (answers["force_low_n"] <= drawn.force_n) & (drawn.force_n <= answers["force_high_n"]), counts
         )
-        if tells_force and not prior.force_is_known
+        if tells_force and prior.force_n[0] < prior.force_n[1]
         else None,
         force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if tells_force else None,
         missed=share_of(answers["contact_log_odds"] <= thresholds.touch[place], counts) if tells_contact else None,

@@ -17,16 +17,19 @@ from beamtouch_models.design.accuracy.table import PlaceTable
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime.error_model import Errors
+from beamtouch_models.runtime.force_range import ForceRange
 
 TAIL = 0.01
 """Share of forces that an estimator expects outside the range of its scene, half of them below and half above it."""
 MAX_FORCE_RATIO = 10.0
 """Largest force that an estimator considers, over the largest of its scene."""
 STEP = 3.0
-"""Ratio of forces over which the density of `cautious_forces` changes beyond the range."""
+"""Ratio of forces over which the density of `interval_forces` changes beyond the range."""
 BELOW, ABOVE = (4.0, 1.7), (0.5, 0.1)
-"""Densities of `cautious_forces` below and above the range, over that within it, from the smallest force up; about one
-over the force below, and one over its square above."""
+"""Densities of `interval_forces` of an open force below and above the range, over that within it, from the smallest
+force up; about one over the force below, and one over its square above."""
+SHOULDER = 0.2
+"""Length by which `interval_forces` of a known force reach beyond either end of the range, over half of it."""
 EXACT_BELOW = 3e-4
 """Noise over the largest deflection below which the table is not exact enough: at its worst it is off by about a tenth
 of this noise."""
@@ -34,7 +37,7 @@ of this noise."""
 
 @dataclass(frozen=True)
 class Piece:
-    """A share of all forces, spread evenly over a range; equal ends: one known force."""
+    """A share of all forces, spread evenly over a range; equal ends: one exact force."""
 
     low_n: float
     high_n: float
@@ -54,17 +57,30 @@ def forces_of(force_n: tuple[float, float], tail: float = TAIL) -> Forces:
     return Piece(0.0, low, tail / 2), core, Piece(high, MAX_FORCE_RATIO * high, tail / 2)
 
 
-def cautious_forces(force_n: tuple[float, float]) -> Forces:
-    """Return a prior of an open force for intervals, which leans on neither end of the range.
+def interval_forces(force_n: tuple[float, float], tail: float = TAIL) -> Forces:
+    """Return a prior of the force for intervals, which leans on neither end of the range.
 
-    With `forces_of`, hardly any interval holds the position of a force that is a little outside the range, because
-    there is always a place that a force within the range explains.
+    With `forces_of`, hardly any interval holds the position of a force at an end of the range, or a little outside it,
+    because there is always a place that a force within the range explains. So a narrow range is a little wider here,
+    between tails as thin as there. As it opens, the tails rise to those of a force that may as well be outside, and the
+    range ends where it is stated.
     """
-    low, high = force_n
-    ends = (0.0, low / STEP, low, high, STEP * high, MAX_FORCE_RATIO * high)
+    stated = ForceRange(*force_n)
+    opened, reach = stated.openness, SHOULDER * (1 - stated.openness) * stated.half_n
+    low, high = force_n[0] - reach, force_n[1] + reach
+    ends = (0.0, force_n[0] / STEP, low, high, STEP * force_n[1], MAX_FORCE_RATIO * force_n[1])
+    if low == high:
+        return forces_of(force_n, tail)
+    # Densities over that within the range, of thin tails and of those of an open force.
+    within = (1 - tail) / (high - low)
+    thin = [tail / 2 / low / within] * 2 + [tail / 2 / (ends[-1] - high) / within] * 2
+    below, above = (
+        [thin_one ** (1 - opened) * open_one**opened for thin_one, open_one in zip(part, wide, strict=True)]
+        for part, wide in ((thin[:2], BELOW), (thin[2:], ABOVE))
+    )
     shares = [
         density * (most - least)
-        for density, least, most in zip((*BELOW, 1.0, *ABOVE), ends[:-1], ends[1:], strict=True)
+        for density, least, most in zip((*below, 1.0, *above), ends[:-1], ends[1:], strict=True)
     ]
     return tuple(
         Piece(least, most, share / sum(shares)) for share, least, most in zip(shares, ends[:-1], ends[1:], strict=True)
@@ -84,7 +100,7 @@ class Prior:
     diagonal_mm: float
     """What errors are stated in percent of: the length of a beam."""
     force_n: tuple[float, float]
-    """Equal ends: the force is known."""
+    """Equal ends: the force is exact."""
     errors: Errors
     channels: int
     influence_at: Callable[[Floats], Floats]
@@ -154,9 +170,9 @@ class Prior:
         return replace(self, errors=Errors(noise_mm), variance_at=None)
 
     @property
-    def force_is_known(self) -> bool:
-        """Whether the force is known."""
-        return self.force_n[0] == self.force_n[1]
+    def force_range(self) -> ForceRange:
+        """The range of forces as evidence."""
+        return ForceRange(*self.force_n)
 
     @cached_property
     def influence_table(self) -> PlaceTable:

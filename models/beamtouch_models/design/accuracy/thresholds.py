@@ -14,11 +14,14 @@ T more rarely than that. A sample with more noise than a settled one exceeds it 
 less.
 
 *Rest and misfit.* The sum of the squares of y says whether rest explains a sample, the misfit whether a contact does,
-which fits two directions of the errors: its own, and that of its change with the position. So of two channels it leaves
-no direction. But contacts of two channels lie within a cone, between the directions of the contacts at either end of
-the range. A contact at the edge of the cone leaves the errors on one side of it, half of those of one direction. A
-contact in a narrow cone leaves those on both sides, which are at most those of one direction. So one direction is the
-bound. The gain error of a load counts like a zero, because it stays as long as the load does.
+which fits two directions of the errors: its own, and that of its change with the position. The first of these it fits
+by its force, of which a stated range that is not open leaves less: the errors along it add at most l chi-square of one
+degree (`ForceRange.checked`). A chi-square of l more degrees exceeds that at any rate at which a sample is odd. So of
+two channels an open force leaves no direction. But contacts of two channels lie within a cone, between the directions
+of the contacts at either end of the range. A contact at the edge of the cone leaves the errors on one side of it, half
+of those of one direction. A contact in a narrow cone leaves those on both sides, which are at most those of one
+direction. So one direction is the bound. The gain error of a load counts like a zero, because it stays as long as the
+load does.
 
 A stretch begins with three odd samples in a row, which share most of their readings. To raise three means of n readings
 alike takes n / (n - 1) times the squares that raise one. So what they have in common is noise of that smaller variance,
@@ -121,23 +124,28 @@ def unexplained_thresholds(prior: Prior, rate_hz: float, readings: int) -> tuple
     """
     noise = float(np.sqrt(np.mean(noise_at_rest(prior) ** 2)))
     sizes = range(1, prior.channels + 1)
-    misfit = [misfit_threshold(noise, size, rate_hz, readings) for size in sizes]
+    misfit = [misfit_threshold(noise, size, prior.force_range.checked, rate_hz, readings) for size in sizes]
     rest = [_threshold_of_squares(noise, size, size, PER_DAY / rate_hz, readings) for size in sizes]
     return np.maximum(rest, misfit).tolist(), misfit
 
 
 @cache
-def misfit_threshold(noise: float, channels: int, rate_hz: float, readings: int) -> float:
+def misfit_threshold(noise: float, channels: int, checked: float, rate_hz: float, readings: int) -> float:
     """Return the threshold of the misfit of one contact, for means of `readings` readings of this many channels.
 
-    `noise` is the part of the noise in the deviation of a sample; the rest of its unit variance is the zero.
+    `noise` is the part of the noise in the deviation of a sample; the rest of its unit variance is the zero. `checked`
+    is that of the stated range of the force.
     """
-    return _threshold_of_squares(noise, channels, left_by_contact(channels), PER_DAY_OF_CONTACT / rate_hz, readings)
+    free = left_by_contact(channels, checked)
+    return _threshold_of_squares(noise, channels, free, PER_DAY_OF_CONTACT / rate_hz, readings)
 
 
-def left_by_contact(channels: int) -> int:
-    """Return the number of directions of the errors that a contact leaves unexplained at most."""
-    return max(1, channels - 2)
+def left_by_contact(channels: int, checked: float) -> float:
+    """Return the number of directions of the errors that a contact leaves unexplained at most.
+
+    Of its force, it leaves the part `checked` of a direction.
+    """
+    return max(1.0, channels - 2 + checked)
 
 
 def readings_alike(chosen: FilterChoice) -> int:
@@ -145,7 +153,7 @@ def readings_alike(chosen: FilterChoice) -> int:
     return max(chosen.window, min(chosen.max_readings, MAX_ALIKE))
 
 
-def _threshold_of_squares(noise: float, channels: int, free: int, per_day_hz: float, readings: int) -> float:
+def _threshold_of_squares(noise: float, channels: int, free: float, per_day_hz: float, readings: int) -> float:
     """Return the sum of squares in `free` directions that begins false stretches at a rate per day and reading."""
     rate = min(per_day_hz * max(1.0, readings / APART) / SECONDS_PER_DAY, MAX_RATE_PER_SAMPLE)
     # Squares that raise as many means as make a stretch alike, over those that raise one. Single readings, which share

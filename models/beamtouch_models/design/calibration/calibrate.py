@@ -125,7 +125,7 @@ def left_open(metadata: Metadata, fit: Fit) -> tuple[Floats, Floats, float]:
     shown[drift] = np.sqrt(np.maximum(shown[drift] ** 2 - fit.spread[drift] ** 2, 0.0))
     drifted_mm = np.abs(fit.session.drift_mm(shown)).max(axis=0)
     zero_mm = np.hypot(np.hypot(scene_mm, _unexplained_mm(fit)), fit.departures.offset_mm)
-    force_error = 0.0 if nominal.prior.force_is_known else remaining.force_error
+    force_error = remaining.force_error if nominal.prior.force_range.is_open else 0.0
     return np.minimum(remaining.floor, MAX_GAIN_PERCENT / 100), np.hypot(zero_mm, drifted_mm), force_error
 
 

@@ -180,13 +180,13 @@ class NominalSurface:
     @property
     def degrees(self) -> int:
         """Degrees of freedom of the residual of a contact: channels beyond its place and, if open, its force."""
-        return self.prior.channels - (1 if self.prior.force_is_known else 2)
+        return self.prior.channels - (2 if self.prior.force_range.is_open else 1)
 
     @property
     def contact_errors(self) -> LoadErrors:
         """Errors of a contact of which nothing is known but what the scene states: as wide as the ranges."""
         low, high = self.prior.extent.range_mm
-        return LoadErrors(placing_mm=high - low, force=0.0 if self.prior.force_is_known else ANY_FORCE)
+        return LoadErrors(placing_mm=high - low, force=min(ANY_FORCE, self.prior.force_range.relative_error))
 
     def covariance_of(self, kinds: Sequence[str], fitted: Floats) -> Floats:
         """Return the covariance of the whole vector from that of the fitted departures; 0 for the others."""

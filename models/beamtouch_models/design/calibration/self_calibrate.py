@@ -135,7 +135,7 @@ def calibrated_prior(metadata: Metadata, found: SelfFit) -> tuple[Prior, Calibra
 
 def _force_error(fit: ContactFit) -> float:
     """Return the relative error of all forces together: that of the mean of the gains, which residuals do not see."""
-    if fit.nominal.prior.force_is_known:
+    if not fit.nominal.prior.force_range.is_open:
         return 0.0
     gain = fit.nominal.kinds["gain"]
     return float(GAIN * np.sqrt(fit.covariance[gain, gain].sum()) / fit.nominal.prior.channels)

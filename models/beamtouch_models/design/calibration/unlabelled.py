@@ -67,10 +67,13 @@ def locate(
     left_error : relative error of the deflections beyond noise and zeros
     """
     curve, prior, noise_mm = nominal.curve(vector), nominal.prior, contacts.noise_mm(zero_mm, left_error)
-    known_n = prior.force_n[0] if prior.force_is_known else None
+    stated = prior.force_range
     linear_mm = curve.departures.linear_mm(contacts.measured_mm)
-    place, force = curve.best_contacts(linear_mm, noise_mm**-2, known_n)
+    place, force = curve.best_contacts(linear_mm, noise_mm**-2, stated)
     force = np.where((force > 0) & (force <= MAX_FORCE_RATIO * prior.force_n[1]), force, 0.0)
+    if not stated.is_open:
+        # Whatever a sample says of it: that it differs from the stated force is part of the residual.
+        force = np.where(force > 0, stated.middle_n, 0.0)
     return Located(place, force, Residuals.of(curve, place, force, contacts.measured_mm, noise_mm))
 
 
@@ -231,22 +234,26 @@ def measure_remaining(
     is_scale_open : whether the common scale of the gains is not known, as without known loads
     """
     curve = nominal.curve(vector)
-    (low, high), is_known = nominal.prior.extent.range_mm, nominal.prior.force_is_known
+    (low, high), stated = nominal.prior.extent.range_mm, nominal.prior.force_range
     margin = INNER * (high - low)
     places = on_axis(np.linspace(low + margin, high - margin, PLACES))
     force = np.full(PLACES, np.mean(nominal.prior.force_n))
     clean = curve.measured_mm(places, force)
     slopes = nominal.slopes(vector, places, force, tuple(nominal.kinds))
     relative = covariance
-    if is_scale_open and not is_known:
+    if is_scale_open and stated.is_open:
         project, gain = np.eye(nominal.size), nominal.kinds["gain"]
         project[gain, gain] -= 1 / nominal.prior.channels
         relative = project @ covariance @ project.T
     spread = np.einsum("lcv,vw,lcw->lc", slopes, relative, slopes)
     # The best estimate of the position, with a typical floor.
     deviation = np.sqrt(noise_mm**2 + spread)
-    along = curve.moved_mm(places, force)[: 1 if is_known else 2]
-    weights = np.linalg.pinv(np.moveaxis(along, 0, 2) / deviation[..., None])[:, 0] / deviation
+    by_place, by_force = curve.moved_mm(places, force) / deviation
+    # A change along the force may as well come from it, as far as the stated range lets it.
+    read = stated.relative_error**-2
+    part = (by_place * by_force).sum(axis=1) / ((by_force**2).sum(axis=1) + read)
+    across = by_place - part[:, None] * by_force
+    weights = across / ((across**2).sum(axis=1) + read * part**2)[:, None] / deviation
     moves = np.einsum("lc,lcv->lv", weights, slopes)
     open_mm = np.sqrt(np.einsum("lv,vw,lw->l", moves, covariance, moves))
     gain_error = np.sqrt((spread / np.maximum(clean**2, TINY)).mean(axis=0))

@@ -65,7 +65,7 @@ class InfluenceFunction:
     load_mm: Floats
     """(loads, axes) places of an even grid, ascending, or (loads,) positions; contacts lie within it."""
     force_n: tuple[float, float]
-    """Range of forces, positive; equal ends if the force is known."""
+    """Range of forces, positive; equal ends if the force is exact."""
     at: Callable[[Floats, Floats], Floats]
     """From places of sensors (sensors, axes) and loads (loads, axes), both in mm, to the influence matrix (loads,
     sensors) in mm/N. Both come in any order, and anywhere on 0 to `length_mm`: equal pitch, for example, puts sensors

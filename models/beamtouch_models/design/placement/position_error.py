@@ -11,7 +11,7 @@ the worst one failed. Nothing here bounds how much better another layout could b
 a load distributed evenly over that half, each at several places and with several forces. A load moves the whitened
 sample by m. The best single contact leaves the distance
 
-    d^2 = min over x and F >= 0 of |m - F W G(x)|^2,
+    d^2 = min over x and F >= 0 of |m - F W G(x)|^2 + what a force F beyond the stated range costs,
 
 by which the chi-square of the misfit becomes a noncentral one. The load is noticed if the misfit exceeds the threshold
 that a model has at this rate and window. W holds the errors of a settled sample of the load: noise, gains, zeros and
@@ -33,6 +33,7 @@ from beamtouch_models.design.placement.mean_error import MeanError
 from beamtouch_models.places import Extent, along_axis, grid_of
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import Errors
+from beamtouch_models.runtime.force_range import ForceRange
 
 KINDS, PLACES, FORCES = 2, 8, 4
 """Kinds of loads; for each, places over the extent, about, and forces."""
@@ -79,13 +80,15 @@ class OtherLoads:
     """(contacts, candidates), deflection per newton under them, in mm/N."""
     forces: int
     """Number of forces."""
+    stated: ForceRange
+    """The range of the force of one contact."""
     sampling: Sampling
 
     def noticed(self, layout: Indices) -> Floats:
         """Return the share of each kind (kinds,) that a layout (sensors,) notices."""
-        channels = left_by_contact(len(layout))
+        free = left_by_contact(len(layout), self.stated.checked)
         square = np.minimum(self.unexplained(layout), CERTAIN)
-        missed = chndtr(self.threshold(len(layout)), channels, square)
+        missed = chndtr(self.threshold(len(layout)), free, square)
         share: Floats = 1 - missed.reshape(self.forces, KINDS, -1).mean(axis=(0, 2))
         return share
 
@@ -93,12 +96,12 @@ class OtherLoads:
         """Return the misfit that a model of this many sensors takes for that of one contact at most."""
         sampling, errors = self.sampling, self.sampling.errors
         noise = errors.noise_mm / float(np.hypot(errors.noise_mm, errors.zero_mm))
-        return misfit_threshold(noise, sensors, sampling.rate_hz, sampling.readings)
+        return misfit_threshold(noise, sensors, self.stated.checked, sampling.rate_hz, sampling.readings)
 
     def unexplained(self, layout: Indices) -> Floats:
         """Return d^2 of each load (loads,) for a layout (sensors,)."""
         curve = Curve(self.ticks, self.shapes[:, layout])
-        return curve.unexplained(self.sample[:, layout], self.precision[:, layout])
+        return curve.unexplained(self.sample[:, layout], self.precision[:, layout], self.stated)
 
 
 def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Sampling) -> OtherLoads:
@@ -123,7 +126,8 @@ def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Samp
         mounting = (deviation**2).sum(axis=2)
     ticks = tuple(extent.ticks(CONTACTS))
     shapes = influence.at(rules.place_mm, grid_of(list(ticks)))
-    return OtherLoads(sample, 1 / errors.variance_mm2(sample, mounting), ticks, shapes, len(forces), sampling)
+    precision, stated = 1 / errors.variance_mm2(sample, mounting), ForceRange(weak, strong)
+    return OtherLoads(sample, precision, ticks, shapes, len(forces), stated, sampling)
 
 
 @dataclass(frozen=True)

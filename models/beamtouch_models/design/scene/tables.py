@@ -6,6 +6,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, 
 
 FARTHEST_K = 150.0
 """A beam that is always more than this above its mounting temperature was stated in absolute kelvin."""
+FORCE_TOLERANCE_PERCENT = 1.0
+"""How far a force may be from the one number that a scene states, unless it says so: a weight that was read off a
+kitchen scale, or a spring."""
 MIN_SENSORS, MAX_SENSORS = 1, 64
 MAX_GAIN_PERCENT = 5.0
 """Largest error of a gain. Up to here, the variance of a sample may be taken from its own deflections instead of those
@@ -41,7 +44,10 @@ class Contact(Strict):
     """The contacts that the surface is designed for, uniform over their ranges."""
 
     force_n: PositiveFinite | PositivePair
-    """One number if the force is known: intervals then trust it. Otherwise its range."""
+    """One number if the force is known, within `force_tolerance_percent`; otherwise its range. What contradicts a range
+    whose largest force is less than twice the smallest is no contact."""
+    force_tolerance_percent: Annotated[float, Field(ge=0, lt=100)] | None = None
+    """How far the force may be from one number, above or below; by default 1. 0: it is exact."""
     position_mm: Pair
     """Range of positions, from the left end of the beam."""
     width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
@@ -49,6 +55,11 @@ class Contact(Strict):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
+        if isinstance(self.force_n, tuple) and self.force_tolerance_percent is not None:
+            raise ValueError(
+                f"force_tolerance_percent = {self.force_tolerance_percent:g} is that of one force, and force_n = "
+                f"{list(self.force_n)} are two; state the range alone"
+            )
         if self.force_range_n[0] > self.force_range_n[1]:
             raise ValueError(f"force_n = {list(self.force_range_n)}: the first must not exceed the second")
         if self.position_mm[0] >= self.position_mm[1]:
@@ -57,8 +68,17 @@ class Contact(Strict):
 
     @property
     def force_range_n(self) -> tuple[float, float]:
-        """Smallest and largest force; equal if the force is known."""
-        return self.force_n if isinstance(self.force_n, tuple) else (self.force_n, self.force_n)
+        """Smallest and largest force; equal if the force is exact."""
+        if isinstance(self.force_n, tuple):
+            return self.force_n
+        percent = self.assumed_tolerance_percent or self.force_tolerance_percent or 0.0
+        return self.force_n * (1 - percent / 100), self.force_n * (1 + percent / 100)
+
+    @property
+    def assumed_tolerance_percent(self) -> float | None:
+        """How far the force may be from the one number, where that is not stated; None if it is, or for a range."""
+        is_stated = isinstance(self.force_n, tuple) or self.force_tolerance_percent is not None
+        return None if is_stated else FORCE_TOLERANCE_PERCENT
 
 
 class Environment(Strict):

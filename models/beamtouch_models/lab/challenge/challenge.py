@@ -3,9 +3,10 @@
 The largest power of any test is how often one that knows the fault notices it in one settled sample.
 
 A fault moves the whitened sample by a known vector m = W mu. What it must be told from is rest or any single contact,
-F W G(x) with F >= 0. The nearest of these is at a distance
+F W G(x) with F >= 0, of which a force beyond the stated range costs as much as in the misfit
+(`runtime.force_range`). The nearest of these is at a distance
 
-    d = min over x and F of |W (mu - F G(x))|,
+    d = min over x and F of the root of |W (mu - F G(x))|^2 + this cost,
 
 and a test that says "not a contact" at a rate of at most alpha also in that case can do no better than the likelihood
 ratio of two normal distributions d apart (Neyman & Pearson, doi 10.1098/rsta.1933.0009):
@@ -32,6 +33,7 @@ from beamtouch_models.lab.challenge.judge import Outcome, Verdicts, judge
 from beamtouch_models.lab.challenge.play import Case, DrawnContacts, SimulatedSurface
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import Errors
+from beamtouch_models.runtime.force_range import ForceRange
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
 
 MISLEADING = 0.005
@@ -137,7 +139,9 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
     first = max(0, min(reading for _, reading in play.rows) - surface.decided)
     verdicts = judge(surface, model.run, readings, first, lost=play.lost)
     # The rate of false misfits of single samples is that of the test that knows what happened.
-    alpha = float(chdtrc(left_by_contact(surface.channels), surface.metadata.thresholds.misfit[-1]))
+    stated = ForceRange(*surface.metadata.ranges.force_n)
+    free = left_by_contact(surface.channels, stated.checked)
+    alpha = float(chdtrc(free, surface.metadata.thresholds.misfit[-1]))
     rows = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         scored_readings = [reading for row_name, reading in play.rows if row_name == name]
@@ -259,7 +263,8 @@ def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floa
     curve = Curve((places,), surface.world.influence(places) * np.array(departures.gain))
     errors = Errors(surface.min_noise_mm, np.array(floor.gain), np.array(floor.zero_mm))
     weight = np.where(valid, 1 / errors.variance_mm2(fault_mm), 0.0)
-    return np.sqrt(curve.unexplained(np.where(valid, departures.linear_mm(fault_mm), 0.0), weight))
+    stated = ForceRange(*surface.metadata.ranges.force_n)
+    return np.sqrt(curve.unexplained(np.where(valid, departures.linear_mm(fault_mm), 0.0), weight, stated))
 
 
 def power_of_shift(distance: Floats, alpha: float) -> float:

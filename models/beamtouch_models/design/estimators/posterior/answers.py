@@ -10,13 +10,14 @@ position range have width w_i, share s_i of the range, and influence g_i at thei
     p_i ~ s_i m_i exp(-R_i)                    C_i = p_1 + .. + p_(i-1)       posterior over the cells
     x_q = x_0 + sum_i w_i clip((q - C_i) / p_i, 0, 1)                         quantiles, linear within a cell
 
-*Force.* Its prior is even over the range of the scene, or a single known force, with a hundredth of the mass in tails
-from 0 to 10 times the largest force (`accuracy.prior`). A force beyond the range gets its true place.
+*Force.* Its prior is even over the range of the scene, which may be as narrow as one force, with a hundredth of the
+mass in tails from 0 to 10 times the largest force (`accuracy.prior`). A force beyond the range gets its true place.
 
-*Interval.* If the force is open, the interval comes from a second posterior, with a prior of the force that leans on
-neither end of the range (`accuracy.prior`): it holds the truth also just outside the range, where the first prior
-pulls the position towards a place that a force within the range explains. Both weight the same normal distribution
-functions. Each quantile has a row of its own, and the interval reaches to the median, which keeps the first prior.
+*Interval.* It comes from a second posterior, with a prior of the force that leans on neither end of the range
+(`accuracy.prior`): it holds the truth also at the ends of the range, and just outside if the force is open, where the
+first prior pulls the position towards a place that a force within the range explains. Both weight the same normal
+distribution functions. Each quantile has a row of its own, and the interval reaches to the median, which keeps the
+first prior.
 
 A quantile always leaves out a last stretch of the range, with the contacts there. So an end of the interval goes on to
 that of the range if what it leaves out is short beside what the other end leaves between its quantiles: if the density
@@ -25,12 +26,10 @@ at the end of the range is not small. The other end then takes the inner one of 
 *Log odds.* log(sum_i s_i exp(-R_i)) + |y|^2, without the prior of the force: at rest their distribution depends
 only on the directions of the influence, not on the size of the covariance.
 
-*Misfit.* The smallest 2 R over the position: a parabola through the best three cells, which are neighbours. For a
-single contact it is chi-square distributed, with two degrees of freedom less than there are channels. One or two
-channels have a misfit only for a sample outside the cone of all contacts, such as a pull.
-
-*Known force.* Each cell holds two possibilities: the known force F, whose likelihood is
-exp(-a_i (F - f_i)^2) exp(-R_i), and a force from the tails of the prior, whose likelihood is m_i exp(-R_i).
+*Misfit.* The smallest 2 R over the position: a parabola through the best three cells, which are neighbours. A force
+beyond a range that is not open adds to it (`runtime.force_range`). For a single contact the misfit is chi-square
+distributed, with two degrees of freedom less than there are channels, or one if the force is exact. One or two channels
+have a misfit of an open force only for a sample outside the cone of all contacts, such as a pull.
 """
 
 from dataclasses import dataclass
@@ -38,9 +37,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior, cautious_forces, forces_of
+from beamtouch_models.design.accuracy.prior import MAX_FORCE_RATIO, Forces, Prior, forces_of, interval_forces
 from beamtouch_models.design.estimators.onnx_graph import Graph
 from beamtouch_models.runtime.error_model import NORMAL_975
+from beamtouch_models.runtime.force_range import ForceRange
 from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 
 MIN_PRECISION = np.pi / MAX_FORCE_RATIO**2
@@ -51,6 +51,12 @@ WIDEST = 1e4
 """Samples are clipped to this multiple of the largest deflection, so that nothing overflows."""
 NARROW = 1e4
 """Ratio of the densities of range and tail above which float32 cannot take their differences as one sum."""
+ROUNDING = 2e-7
+"""Error of a difference of erf in float32."""
+NARROWEST = 0.1
+"""Half a range, in deviations of the loudest contact, below which differences of erf say too little of it."""
+NODES = 4
+"""Nodes of Gauss's rule over such a range: enough up to thirty times as many deviations, as in a long mean."""
 FARTHEST = -60.0
 """Bound of an exponent, which avoids subnormal numbers; they are slow."""
 QUANTILES = (0.5, 0.025, 0.975, 0.035, 0.965)
@@ -152,6 +158,22 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: boo
     return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
 
 
+def likely_misfit(graph: Graph, stated: ForceRange, found: Scored) -> str:
+    """Return half the misfit of each cell, with what its force adds that is beyond the stated range.
+
+    Of the penalty P and the precision a, the best force between its own and the nearest end leaves a P / (a + P) times
+    the square of their distance.
+    """
+    if stated.is_open:
+        return found.misfit
+    nearest = graph.apply("Clip", found.force, graph.constant(stated.low_n), graph.constant(stated.high_n))
+    beyond = graph.apply("Sub", found.force, nearest)
+    # In units of the largest penalty, float32 holds the harmonic sum of an exact force too.
+    inverse = graph.apply("Add", graph.apply("Reciprocal", found.precision), graph.constant(2 / stated.penalty_per_n2))
+    added = graph.apply("Div", graph.apply("Mul", beyond, beyond), inverse)
+    return graph.apply("Add", found.misfit, added)
+
+
 def lowest_of(graph: Graph, squares: str) -> tuple[str, str]:
     """Return the smallest of squares (batch, 1, N) at the middles of cells, and twice that over the position.
 
@@ -167,24 +189,79 @@ def lowest_of(graph: Graph, squares: str) -> tuple[str, str]:
     return least, graph.apply("Sub", value, drop)
 
 
-def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str) -> str:
-    """Return m of an open force, up to a factor, from the best force of each cell and the root of its precision.
+@dataclass(frozen=True)
+class Masses:
+    """Names of what the forces of each cell weigh, (batch, 3, N): for the median, and for each end of the interval.
+
+    Of an exact force there is one row for all.
+    """
+
+    every: str
+    """m times the root of the precision, up to a factor."""
+    beyond: str | None
+    """The part of it from beyond the range; None for an open force."""
+
+
+def masses_of(graph: Graph, prior: Prior, root: str, force: str) -> Masses:
+    """Return m from the best force of each cell and the root of its precision.
 
     It is yet to be divided by that root, which takes less time for the one row of likelihoods. It has a row for the
     prior of the median and one for each end of the interval.
     """
-    cautious = cautious_forces(force_n)
-    ends, offset = _offset(graph, cautious, root, force)
-    error = graph.apply("Erf", offset)
+    median, interval = forces_of(prior.force_n), interval_forces(prior.force_n)
+    ends = np.unique([end for piece in (*median, *interval) for end in (piece.low_n, piece.high_n)])
+    loudest = prior.channels**0.5 * prior.largest_mm / float(prior.rest_mm.min())
+    if prior.force_range.half_n * loudest < NARROWEST * prior.force_range.middle_n:
+        return _masses_of_narrow(graph, prior, root, force)
     # Between the ends of a piece, the difference of erf is at most 2; the masses are 1 within the range.
-    rows = np.stack([_densities(forces_of(force_n), ends), *[_densities(cautious, ends)] * 2])
-    return _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
+    rows = np.stack([_densities(median, ends), *[_densities(interval, ends)] * 2])
+    rows *= 0.5 / rows[:, np.searchsorted(ends, prior.force_n[0])][:, None]
+    error = graph.apply("Erf", _offset(graph, ends, root, force))
+    if prior.force_range.is_open:
+        return Masses(_weighted(graph, error, rows), None)
+    cores = [forces[len(forces) // 2] for forces in (median, interval, interval)]
+    is_beyond = [(ends[1:] <= core.low_n) | (core.high_n <= ends[:-1]) for core in cores]
+    every = _weighted(graph, error, np.concatenate([rows, rows * is_beyond]))
+    return Masses(*graph.split(every, 2, 1))
 
 
-def _offset(graph: Graph, forces: Forces, root: str, force: str) -> tuple[Floats, str]:
-    """Return the ends of all pieces, and their distances from the best force of each cell, in root-2 deviations."""
-    ends = np.unique([end for piece in forces for end in (piece.low_n, piece.high_n)])
-    return ends, graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
+def _masses_of_narrow(graph: Graph, prior: Prior, root: str, force: str) -> Masses:
+    """Return m of a range over which float32 would lose the differences of erf.
+
+    Gauss's rule integrates over it. Of an exact force, the integrand itself counts, and one row is that of all.
+    """
+    is_exact, (low_n, high_n) = prior.force_n[0] == prior.force_n[1], prior.force_n
+    priors = [forces_of(prior.force_n), *[interval_forces(prior.force_n)] * (0 if is_exact else 2)]
+    core = priors[-1][len(priors[-1]) // 2]
+    ends = np.unique([end for piece in priors[-1] for end in (piece.low_n, piece.high_n)])
+    rows = np.stack([_densities(forces, ends) for forces in priors])
+    rows[:, (core.low_n <= ends[:-1]) & (ends[1:] <= core.high_n)] = 0.0
+    beyond = _weighted(graph, graph.apply("Erf", _offset(graph, ends, root, force)), rows)
+    place, weight = np.polynomial.legendre.leggauss(1 if is_exact else NODES)
+    nodes_n, shares = prior.force_range.middle_n + prior.force_range.half_n * place, weight[None] / 2
+    if not is_exact:
+        # One node for what either end of the range has in addition, for the interval.
+        added = (low_n - core.low_n) / (core.high_n - core.low_n)
+        nodes_n = np.array([(core.low_n + low_n) / 2, *nodes_n, (high_n + core.high_n) / 2])
+        wide = [added, *(1 - 2 * added) * weight / 2, added]
+        shares = np.array([[0.0, *weight / 2, 0.0], wide, wide])
+    shares = 2 / np.sqrt(np.pi) * np.array([[forces[len(forces) // 2].share] for forces in priors]) * shares
+    offset = _offset(graph, nodes_n, root, force)
+    exponent = graph.apply("Max", graph.apply("Neg", graph.apply("Mul", offset, offset)), graph.constant(FARTHEST))
+    within = graph.apply("Exp", exponent)
+    if shares.size == 1:
+        within = graph.apply("Mul", within, graph.constant(shares.item()))
+    else:
+        within = graph.apply("MatMul", graph.constant(shares), within)
+    return Masses(graph.apply("Add", beyond, graph.apply("Mul", within, root)), beyond)
+
+
+def _offset(graph: Graph, forces_n: Floats, root: str, force: str) -> str:
+    """Return the distances of forces (rows,) from the best force of each cell, in root-2 deviations, (batch, rows, N).
+
+    `root` is the root of the precision.
+    """
+    return graph.apply("Mul", graph.apply("Sub", graph.constant(forces_n[:, None]), force), root)
 
 
 def _densities(forces: Forces, ends: Floats) -> Floats:
@@ -203,76 +280,63 @@ def _weighted(graph: Graph, ends: str, weights: Floats) -> str:
     """
     pieces = weights.shape[1]
     differences = np.eye(pieces, pieces + 1, 1) - np.eye(pieces, pieces + 1)
-    if weights.max() > NARROW * weights.min():
+    if weights.max() > NARROW * weights[weights > 0].min():
         ends = graph.apply("MatMul", graph.constant(differences), ends)
+        # Far from a narrow range, rounding must not outweigh the tails.
+        ends = graph.apply("Max", graph.apply("Sub", ends, graph.constant(ROUNDING)), graph.constant(0.0))
         return graph.apply("MatMul", graph.constant(weights), ends)
     return graph.apply("MatMul", graph.constant(weights @ differences), ends)
 
 
-def state_force(graph: Graph, force_n: tuple[float, float], scored: Scored, posterior: str, *, fine: bool) -> None:
-    """Add an open force, from the posterior of the median, and its interval, from those of the ends.
+def state_force(graph: Graph, stated: ForceRange, found: Scored, posterior: str, masses: Masses, *, fine: bool) -> None:
+    """Add the force, from the posterior of the median, and its interval, from those of the ends.
 
     `fine` says that the force may be known to the last digits of float32.
     """
-    axis, force = graph.ints(2), scored.force
-    # Of three rows, this takes less time than a product and its sum.
-    mean = graph.apply("MatMul", posterior, graph.apply("Transpose", force, perm=[0, 2, 1]))
+    axis, middle = graph.ints(2), graph.constant(stated.middle_n)
+    if masses.beyond is None:
+        force, variance = found.force, graph.apply("Div", graph.constant(0.5), found.precision)
+        # Of three rows, this takes less time than a product and its sum.
+        mean = graph.apply("MatMul", posterior, graph.apply("Transpose", force, perm=[0, 2, 1]))
+    else:
+        force, variance = _told_force(graph, stated, found, masses.every, masses.beyond)
+        mean = graph.apply("ReduceSum", graph.apply("Mul", posterior, force), axis, keepdims=1)
     off = graph.apply("Sub", force, mean)
     if fine:
         # Rounding in a sum of large numbers, and a posterior that adds up to nearly 1, move the mean.
         rest = graph.apply("ReduceSum", graph.apply("Mul", posterior, off), axis, keepdims=1)
         mean = graph.apply("Add", mean, rest)
     square = graph.apply("Mul", off, off)
-    square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), scored.precision))
+    square = graph.apply("Add", square, variance)
     variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
     deviations = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None]
     value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(deviations)))
-    value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * force_n[1]))
+    if masses.beyond is not None:
+        value = graph.apply("Add", value, middle)
+    value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * stated.high_n))
     first = graph.apply("Gather", value, graph.index(0), axis=1)
     graph.apply("Squeeze", first, graph.ints(1), output=FORCE_OUTPUTS[0])
     graph.apply("ReduceMin", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[1])
     graph.apply("ReduceMax", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[2])
 
 
-def known_force(graph: Graph, known_n: float, found: Scored, root: str) -> tuple[str, str]:
-    """Return the likelihoods of the known force and of the tails in each cell, (batch, 1, N), up to one factor.
+def _told_force(graph: Graph, stated: ForceRange, found: Scored, every: str, beyond: str) -> tuple[str, str]:
+    """Return mean and variance of the force of each cell, (batch, 3, N), from the middle of a range that is not open.
 
-    They are yet to be multiplied by exp(-R).
+    A force within the range is told by the sample and by the range, as a reading of its middle; one beyond it by the
+    sample alone. `every` and `beyond` are `Masses`.
     """
-    forces = forces_of((known_n, known_n))
-    ends, offset = _offset(graph, forces, root, found.force)
-    density = _densities(forces, ends)[None] / forces[1].share
-    tails = _weighted(graph, graph.apply("Erf", offset), density * np.sqrt(np.pi) / 2)
-    square = graph.apply("Mul", offset, offset)
-    distance = graph.apply("MatMul", graph.constant(-(ends == known_n)[None].astype(np.float64)), square)
-    tails = graph.apply("Div", tails, root)
-    return graph.apply("Exp", graph.apply("Max", distance, graph.constant(FARTHEST))), tails
-
-
-def state_known_force(graph: Graph, known_n: float, scored: Scored, posterior: str, likely: tuple[str, str]) -> None:
-    """Add the known force, or the one that the sample shows instead, and its interval; `likely` as `known_force`."""
-    axis, known = graph.ints(2), graph.constant(known_n)
-
-    def mean_of(values: str, weights: str) -> str:
-        return graph.apply("ReduceSum", graph.apply("Mul", weights, values), axis, keepdims=1)
-
-    tail_share = graph.apply("Div", likely[1], graph.apply("Add", *likely))
-    tails = graph.apply("Mul", posterior, tail_share)
-    beyond = graph.apply("Sub", scored.force, known)
-    # From the known force on, where there is most of the mass.
-    mean = mean_of(beyond, tails)
-    off = graph.apply("Sub", beyond, mean)
-    square = graph.apply("Mul", off, off)
-    square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), scored.precision))
-    part = graph.apply("ReduceSum", tails, axis, keepdims=1)
-    at_known = graph.apply("Mul", graph.apply("Mul", mean, mean), graph.apply("Sub", graph.constant(1.0), part))
-    variance = graph.apply("Add", mean_of(square, tails), graph.apply("Max", at_known, graph.constant(0.0)))
-    deviations = np.array([0.0, -NORMAL_975, NORMAL_975])
-    value = graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(deviations))
-    value = graph.apply("Add", graph.apply("Add", mean, known), value)
-    value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * known_n))
-    for name, result in zip(FORCE_OUTPUTS, graph.split(value, 3, 2), strict=True):
-        graph.apply("Squeeze", result, graph.ints(1, 2), output=name)
+    read = graph.constant(0.5 * stated.precision_per_n2)
+    outside, both = graph.apply("Div", beyond, every), graph.apply("Add", found.precision, read)
+    inside = graph.apply("Sub", graph.constant(1.0), outside)
+    pulled = graph.apply("Div", read, both)
+    apart = graph.apply("Sub", found.force, graph.constant(stated.middle_n))
+    kept = graph.apply("Add", graph.apply("Div", found.precision, both), graph.apply("Mul", pulled, outside))
+    variance = graph.apply("Add", graph.apply("Div", outside, found.precision), graph.apply("Div", inside, both))
+    between = graph.apply("Mul", apart, pulled)
+    between = graph.apply("Mul", graph.apply("Mul", between, between), graph.apply("Mul", inside, outside))
+    variance = graph.apply("Add", graph.apply("Mul", variance, graph.constant(0.5)), between)
+    return graph.apply("Mul", apart, kept), variance
 
 
 @dataclass(frozen=True)
@@ -290,35 +354,28 @@ class Grid:
 
 def state_answers(graph: Graph, prior: Prior, found: Scored, least: str, grid: Grid, *, with_force: bool) -> list[str]:
     """Add every answer except for the misfit, and return the names of all outputs; `least` is the smallest R."""
-    root, force_n = graph.apply("Sqrt", found.precision), prior.force_n
+    root = graph.apply("Sqrt", found.precision)
     # Sums of exponentials and their logarithm take less time than the operations that do both.
     exponent = graph.apply("Sub", least, found.misfit)
-    if not prior.force_is_known:
-        exponent = graph.apply("Max", exponent, graph.constant(MIN_EXPONENT))
+    exponent = graph.apply("Max", exponent, graph.constant(MIN_EXPONENT))
     likely = graph.apply("Mul", graph.apply("Exp", exponent), grid.share)
     axes = graph.ints(1, 2)
     touched = graph.apply("ReduceLogSum", likely, axes=[1, 2], keepdims=1)
     rest = graph.apply("ReduceSumSquare", found.sample, axes=[1, 2], keepdims=1)
     odds = graph.apply("Add", touched, graph.apply("Sub", rest, least))
     graph.apply("Squeeze", odds, axes, output="contact_log_odds")
-    known = known_force(graph, force_n[1], found, root) if prior.force_is_known else None
-    if known:
-        likely = graph.apply("Mul", graph.apply("Add", *known), likely)
     if found.widened is not None:
         likely = graph.apply("Div", likely, found.widened)
-    if not known:
-        mass = mass_of(graph, force_n, root, found.force)
-        likely = graph.apply("Mul", graph.apply("Div", likely, root), mass)
+    masses = masses_of(graph, prior, root, found.force)
+    likely = graph.apply("Mul", graph.apply("Div", likely, root), masses.every)
     posterior = graph.apply("LpNormalization", likely, axis=2, p=1)
     posterior = graph.apply("Max", posterior, graph.constant(MIN_MASS))
     low_mm, high_mm = prior.extent.range_mm
-    _state_position(graph, grid, posterior, high_mm - low_mm, every_row=known is None)
+    is_exact = prior.force_n[0] == prior.force_n[1]
+    _state_position(graph, grid, posterior, high_mm - low_mm, every_row=not is_exact)
     if not with_force:
         return list(POSITION_OUTPUTS)
-    if known:
-        state_known_force(graph, force_n[1], found, posterior, known)
-    else:
-        state_force(graph, force_n, found, posterior, fine=grid.fine)
+    state_force(graph, prior.force_range, found, posterior, masses, fine=grid.fine)
     return [*POSITION_OUTPUTS, *FORCE_OUTPUTS]
 
 

@@ -8,7 +8,14 @@ import onnx
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.onnx_graph import Graph, model
-from beamtouch_models.design.estimators.posterior.answers import Grid, lowest_of, scored, state_answers, whitened
+from beamtouch_models.design.estimators.posterior.answers import (
+    Grid,
+    likely_misfit,
+    lowest_of,
+    scored,
+    state_answers,
+    whitened,
+)
 from beamtouch_models.places import on_axis
 
 FINE = 20_001
@@ -19,14 +26,16 @@ MIN_CELLS = (128, 192, 256)
 STEP, MAX_CELLS = 64, 512
 """The number of cells is a multiple of STEP. Above MAX_CELLS, a window around the contact takes less time, and sums of
 widths in float32 would lose a digit of the interval."""
-POSITION_SHARE = {True: 0.5, False: 1.0}
-"""For known and open force: weight of an even spacing relative to the change of the sample."""
-SIZE_SHARE = 0.05
-"""Weight of a change in the logarithm of the deflection's size, for an open force."""
+POSITION_SHARE = (0.5, 1.0)
+"""For an exact and an open force: weight of an even spacing relative to the change of the sample."""
+SIZE_SHARE = (0.0, 0.05)
+"""Likewise: weight of a change in the logarithm of the deflection's size."""
 FLOOR = 1e-4
 """Smallest deflection, relative to the largest, whose direction counts."""
-KNOWN_STEP, OPEN_STEP = 1.2, 2.5
-"""Largest cell in deviations of the posterior, for a known and an open force, for sums over cells to be right."""
+LARGEST_STEP = (1.2, 2.5)
+"""Likewise: largest cell in deviations of the posterior, for sums over cells to be right."""
+SHARP = 12.0
+"""Precision over that of the force with which the ends of a posterior that is as wide as the range are resolved."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +59,7 @@ class InfluencePath:
     influence: Floats
     """(positions, channels) mm/N"""
     moved: Floats
-    """(positions - 1,) change that the force does not explain, in deviations, floor included."""
+    """(positions - 1,) change that no likely force explains, in deviations, floor included."""
     size: Floats
     """(positions,) size of the sample, in deviations."""
 
@@ -60,7 +69,7 @@ def resolving_cells(prior: Prior) -> int | None:
 
     The sample follows a curve as the contact moves; no cell may be a longer piece of it than its step.
     """
-    path, largest = influence_path_of(prior), KNOWN_STEP if prior.force_is_known else OPEN_STEP
+    path, largest = influence_path_of(prior), _between(LARGEST_STEP, prior)
     along = np.concatenate([[0.0], np.cumsum(path.moved)])
     least = MIN_CELLS[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
     for count in range(least, MAX_CELLS + 1, STEP):
@@ -80,20 +89,26 @@ def influence_path_of(prior: Prior) -> InfluencePath:
     shape = force * (influence[1:] + influence[:-1]) / 2 / within
     change = force * np.diff(influence, axis=0) / within
     size = np.linalg.norm(force * influence / deviation, axis=1)
-    if not prior.force_is_known:
-        square = (shape**2).sum(axis=1) + (FLOOR * size.max()) ** 2
-        change -= shape * ((change * shape).sum(axis=1) / square)[:, None]
-    return InfluencePath(fine, influence, np.linalg.norm(change, axis=1), size)
+    square = (shape**2).sum(axis=1) + (FLOOR * size.max()) ** 2
+    along = (change * shape).sum(axis=1)
+    change -= shape * (along / square)[:, None]
+    # The change along the sample itself counts as far as the force does not explain it.
+    precision = SHARP * force**2 * prior.force_range.precision_per_n2
+    left = along / np.sqrt(square) * np.sqrt(precision / (square + precision))
+    return InfluencePath(fine, influence, np.hypot(np.linalg.norm(change, axis=1), left), size)
+
+
+def _between(exact_and_open: tuple[float, float], prior: Prior) -> float:
+    """Return the value for the force of a prior from those for an exact and an open one."""
+    return float(np.interp(prior.force_range.openness, (0.0, 1.0), exact_and_open))
 
 
 def cells_of(prior: Prior, count: int, path: InfluencePath | None = None) -> Cells:
     """Return `count` cells, spaced evenly in a metric of the change of sample, position and log of the size."""
     path = path or influence_path_of(prior)
-    known = prior.force_is_known
-    metric = path.moved**2 + (path.moved.sum() * POSITION_SHARE[known] / (FINE - 1)) ** 2
-    if not known:
-        size = np.hypot(path.size, FLOOR * path.size.max())
-        metric += (SIZE_SHARE * path.size.max() * np.diff(np.log(size))) ** 2
+    metric = path.moved**2 + (path.moved.sum() * _between(POSITION_SHARE, prior) / (FINE - 1)) ** 2
+    size = np.hypot(path.size, FLOOR * path.size.max())
+    metric += (_between(SIZE_SHARE, prior) * path.size.max() * np.diff(np.log(size))) ** 2
     along = np.concatenate([[0.0], np.cumsum(np.sqrt(metric))])
     marks = np.linspace(0, along[-1], 2 * count + 1)
     table = np.stack([np.interp(marks, along, column) for column in path.influence.T], axis=1)
@@ -108,7 +123,9 @@ def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.Mod
     variance = None if cells.variance is None else graph.constant(cells.variance.T)
     seen = whitened(graph, prior.largest_mm)
     fit = scored(graph, seen, largest_n, graph.constant(cells.influence.T), variance)
-    least, misfit = lowest_of(graph, fit.misfit)
+    least, misfit = lowest_of(graph, likely_misfit(graph, prior.force_range, fit))
+    if not prior.force_range.is_open:
+        least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2], keepdims=1)
     # Rounding may put the bottom below 0.
     graph.apply("ReduceL1", misfit, axes=[1, 2], keepdims=0, output="misfit")
     width = np.diff(cells.edges_mm)

@@ -12,8 +12,9 @@ whitening.
 Where two places bend the beam nearly alike, as on either side of a support, the posterior has two narrow peaks. So
 there are two windows, around the two places that explain the sample best, neither of them beside a better one.
 
-A known force F moves the size of the reading as well as its direction, which tells the place more narrowly. Its windows
-have T = W t and f = F; one for any force remains, for a sample of another force.
+A force that is not open is told by the size of the reading as well, which tells the place more narrowly. In its windows
+the stated range counts as one more channel, which reads the force (`ForceRange.precision_per_n2`); one window for any
+force remains, for a sample of another force.
 
 The mounting of the sensors widens the errors in all of these, as in `posterior.answers`.
 
@@ -37,6 +38,7 @@ from beamtouch_models.design.estimators.posterior.answers import (
     Grid,
     Scored,
     Whitened,
+    likely_misfit,
     scored,
     state_answers,
     whitened,
@@ -116,7 +118,8 @@ Rows = tuple[str, str]
 
 FirstStage = Callable[[Graph, Whitened], tuple[list[str], list[str]]]
 """Adds what names the nodes at which to look for a whitened sample, rounded down, (batch, 1) integers: those for any
-force, and those for the known one; none if the force is open, or if the end of the steps from the last node will do."""
+force, and those for one of the range; none if the force is open, or if the end of the steps from the last node will
+do."""
 
 
 def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force: bool) -> onnx.ModelProto:
@@ -133,7 +136,10 @@ def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force:
     share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
     share = graph.apply("Max", share, graph.constant(MIN_MASS))
     least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2], keepdims=1)
-    misfit = graph.apply("Mul", least, graph.constant(2.0))
+    lowest = least
+    if not prior.force_range.is_open:
+        lowest = graph.apply("ReduceMin", likely_misfit(graph, prior.force_range, fit), axes=[1, 2], keepdims=1)
+    misfit = graph.apply("Mul", lowest, graph.constant(2.0))
     graph.apply("Squeeze", misfit, graph.ints(1, 2), output="misfit")
     outputs = state_answers(graph, prior, fit, least, Grid(width, share, low, fine=True), with_force=with_force)
     return model(graph, prior.channels, outputs)
@@ -160,12 +166,10 @@ def scan(prior: Prior, table: Table) -> FirstStage:
         spread = None if ends is None else graph.constant(((ends[0] + ends[1]) / 2).T)
         fit = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), spread)
         any_force = best_two(graph, _unlikeliness(graph, fit, fit.misfit))
-        if not prior.force_is_known:
+        if prior.force_range.is_open:
             return any_force, []
-        explained = graph.apply("Mul", fit.shape, graph.constant(prior.force_n[1]))
-        residual = graph.apply("Sub", fit.own, explained)
-        square = graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
-        return any_force[:1], best_two(graph, _unlikeliness(graph, fit, square))
+        of_range = likely_misfit(graph, prior.force_range, fit)
+        return any_force[:1], best_two(graph, _unlikeliness(graph, fit, of_range))
 
     return add
 
@@ -179,16 +183,16 @@ def _windows(
     graph: Graph, prior: Prior, seen: Whitened, nodes: tuple[list[str], list[str]], steps: int, rows: Rows
 ) -> list[str]:
     """Return the ends of each window after the steps from its node, in nodes, (batch, 2, 1)."""
-    any_force, known = nodes
-    starts: list[tuple[str | None, float | None]] = [(node, None) for node in any_force]
-    if prior.force_is_known:
-        starts += [(node, prior.force_n[1]) for node in known] or [(None, prior.force_n[1])]
+    any_force, of_range = nodes
+    starts: list[tuple[str | None, bool]] = [(node, False) for node in any_force]
+    if not prior.force_range.is_open:
+        starts += [(node, True) for node in of_range] or [(None, True)]
     ends, middle = [], ""
-    for start, known_n in starts:
+    for start, is_read in starts:
         node = start
         for _ in range(STEPS):
             # The first step begins at the node that the first stage named, a later one where the last step ended.
-            middle, step, half = _step(graph, prior, seen, node or _node_at(graph, middle, steps), rows, known_n)
+            middle, step, half = _step(graph, prior, seen, node or _node_at(graph, middle, steps), rows, is_read)
             node = None
         doubted = graph.apply("Mul", graph.apply("Abs", step), graph.constant(DOUBTED))
         half = graph.apply("Mul", graph.apply("Add", half, doubted), graph.constant([[-1.0], [1.0]]))
@@ -204,10 +208,11 @@ def _node_at(graph: Graph, place: str, steps: int) -> str:
     return graph.cast(graph.apply("Squeeze", node, graph.ints(2)), np.int64)
 
 
-def _step(
-    graph: Graph, prior: Prior, seen: Whitened, node: str, rows: Rows, known_n: float | None
-) -> tuple[str, str, str]:
-    """Return the end and the length of a Gauss-Newton step, and WITHIN deviations of it; (batch, 1, 1), in nodes."""
+def _step(graph: Graph, prior: Prior, seen: Whitened, node: str, rows: Rows, is_read: bool) -> tuple[str, str, str]:
+    """Return the end and the length of a Gauss-Newton step, and WITHIN deviations of it; (batch, 1, 1), in nodes.
+
+    `is_read` says that the stated range counts as a reading of the force.
+    """
     axes, channels = graph.ints(1, 2), prior.channels
     at_node = [graph.apply("Gather", table, node, axis=0) for table in rows]
     every = graph.apply("Transpose", graph.apply("Concat", *at_node, axis=1), perm=[0, 2, 1])
@@ -222,17 +227,23 @@ def _step(
         size = graph.apply("Add", along(shape, shape), graph.constant(TINY))
         return size, graph.apply("Max", graph.apply("Div", along(shape, sample), size), graph.constant(TINY))
 
+    def with_one(values: str, of_force: float) -> str:
+        return graph.apply("Pad", values, graph.ints(0, 0, 0, 0, 1, 0), graph.constant(of_force))
+
+    if is_read:
+        # One more channel, in the units of `seen`: of the force, whatever the place.
+        reads = (0.5 * prior.force_range.precision_per_n2) ** 0.5
+        shape, turned = with_one(shape, reads), with_one(turned, 0.0)
+        sample = with_one(sample, reads * prior.force_range.middle_n)
     if prior.variance_table is not None:
         ends = graph.ints(0, channels), graph.ints(1, 2 * channels), graph.ints(2, 1)
-        force = best_force()[1] if known_n is None else graph.constant(known_n)
-        wider = widening(graph, force, graph.apply("Slice", every, *ends))
+        wider = widening(graph, best_force()[1], graph.apply("Slice", every, *ends))
+        if is_read:
+            wider = with_one(wider, 1.0)
         shape, turned, sample = (graph.apply("Div", vector, wider) for vector in (shape, turned, sample))
-    if known_n is None:
-        size, force = best_force()
-        part = graph.apply("Div", along(shape, turned), size)
-        turned = graph.apply("Sub", turned, graph.apply("Mul", part, shape))
-    else:
-        force = graph.constant(known_n)
+    size, force = best_force()
+    part = graph.apply("Div", along(shape, turned), size)
+    turned = graph.apply("Sub", turned, graph.apply("Mul", part, shape))
     # Of the sample itself, rounding would leave more along T than a step near a support may err.
     residual = graph.apply("Sub", sample, graph.apply("Mul", shape, force))
     turned = graph.apply("Mul", turned, force)
