@@ -77,7 +77,8 @@ def written_for(run: Command, model: Path, loads: Path) -> tuple[dict[str, str],
     """Calibrate; returns the rows that are printed, and what is remarked."""
     done = run("calibrate", model, loads, "-o", loads.with_suffix(".onnx"))
     assert done.returncode == 0, done.stderr
-    return dict(line.split(maxsplit=1) for line in done.stdout.splitlines()), done.stderr
+    lines = done.stdout.replace("\n   ", " ").splitlines()  # of wrapped rows, too
+    return dict(line.split(maxsplit=1) for line in lines), " ".join(done.stderr.split())
 
 
 @pytest.mark.promise("docs/how-to/calibrate.md", "Every load presses harder than stated, by a hanger or a pan")
@@ -151,7 +152,7 @@ def test_what_scales_all_deflections_is_said_once_and_no_gain_holds_it(
     path = write_readings(tmp_path / "loads.csv", cantilever, measured_mm, PLACES_MM, WEIGHTS_N)
     rows, remark = written_for(design_sensors_roughly, built_model("cantilever"), path)
     told = re.match(
-        r"deflects (\S+) \+- (\S+) % more per newton than the scene says: rigidity, all gains", rows["scale"]
+        r"deflects (\S+) \+- (\S+) % more per newton than the scene says: rigidity, gains or", rows["scale"]
     )
     assert told is not None
     assert float(told[1]) == pytest.approx(5.26, abs=3 * float(told[2]))
@@ -159,7 +160,9 @@ def test_what_scales_all_deflections_is_said_once_and_no_gain_holds_it(
     assert "measure one beside a sensor with a dial gauge" in remark
     assert not {"rigidity", "forces", "places"} & set(rows)
     gains = np.array(re.findall(r"s\d (\S+) \+- (\S+?),? ", f"{rows['gain']} ")).astype(np.float64)
-    assert (np.abs(gains[:, 0] - [2.0, 0.0, -2.0]) < 3 * gains[:, 1]).all()
+    # Beside the sensor whose gain is the median, whichever that is.
+    middle, real = gains[:, 0].argsort()[1], np.array([2.0, 0.0, -2.0])
+    assert (np.abs(gains[:, 0] - (real - real[middle])) < 3 * gains[:, 1] + 0.006).all()
     assert np.median(gains[:, 0]) == pytest.approx(0.0, abs=0.006)
 
 

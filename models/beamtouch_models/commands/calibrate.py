@@ -138,8 +138,7 @@ def _scale(checked: CheckedFit) -> tuple[float, float] | None:
 
 def _scale_in_words(value: float, error: float) -> str:
     percent = f"{digits(100 * abs(value), 3)} +- {digits(100 * error, 2)} % {'less' if value < 0 else 'more'}"
-    what = "rigidity, all gains or all forces, which loads do not tell apart; the gains are beside it"
-    return f"deflects {percent} per newton than the scene says: {what}"
+    return f"deflects {percent} per newton than the scene says: rigidity, gains or forces"
 
 
 def _common(checked: CheckedFit, kind: str, size_of: Callable[[Floats], float]) -> dict[str, float | bool] | None:
