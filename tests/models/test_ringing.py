@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
+from beamtouch_models.filters.search import Whole, carried, sought
 from beamtouch_models.filters.sinusoids import Band, Poles, fit, refine, seek
 
 CHANNELS = 4
@@ -211,6 +212,20 @@ def test_of_twenty_frequencies_the_one_that_is_sought_leaves_least_in_a_fit_by_l
         values = 50 * np.cos(0.2 * (1 + mode[0, 0]) * times[:, np.newaxis] + phase) + noise(readings, seed)
         (found,) = seek(fit(times, values, Poles.none(), band, slopes=False), times, values, band).frequency
         assert left(found) == pytest.approx(min(map(left, np.linspace(band.lowest, 0.99 * np.pi, 20))), rel=1e-3)
+
+
+@pytest.mark.parametrize(("usual", "lowest"), [(3.8, 1.9), (4.9, 0.94), (5.7, 1.95)])
+def test_readings_so_far_apart_that_every_swing_may_be_a_load_show_none(usual: float, lowest: float) -> None:
+    """As of a line so slow that a reading comes only in every fourth or fifth slot, and never when it is due."""
+    gaps = np.random.default_rng(1).uniform(0.7, 1.3, 40) * usual
+    times = np.cumsum(gaps) - gaps.sum()
+    values = noise(40, 2) + 5 * np.sin(times)[:, np.newaxis]
+    band = Band.of(times, lowest)
+    assert band.seem_still(np.linspace(band.lowest, band.highest, 400)).all()
+    without = fit(times, values, Poles.none(), band, slopes=False)
+    assert not len(seek(without, times, values, band).frequency)
+    assert sought(Whole(times, values, band)) is None
+    assert carried(without, Whole(times, values, band), checks=True) is None
 
 
 @pytest.mark.parametrize(("apart", "each"), [(0.05, 1), (0.2, 1), (0.3, 5)])

@@ -259,11 +259,16 @@ def predicted(of: Fit, times: FloatArray) -> FloatArray:
 
 
 def seek(of: Fit, times: FloatArray, values: FloatArray, band: Band) -> Poles:
-    """Return the poles of a fit, and one more: of the frequency that explains most of what it leaves."""
+    """Return the poles of a fit, and one more: of the frequency that explains most of what it leaves.
+
+    There is none more if no frequency is left: of readings far apart, all may look like a load.
+    """
     number = min(max(FREQUENCIES[0], len(times)), FREQUENCIES[1])
     number = round(number * band.highest / HIGHEST)
     frequencies = np.linspace(band.lowest, SOUGHT * band.highest, number)
     frequencies = frequencies[~band.seem_still(frequencies)]
+    if not len(frequencies):
+        return of.poles
     number = len(frequencies)
     residuals, waves = values - predicted(of, times), waves_of(Poles(np.zeros(number), frequencies), times).T
     times = mean_times(times)
