@@ -70,6 +70,23 @@ def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_rou
     assert not re.search(r"^(product|bound) ", table, re.MULTILINE)  # they belong to the other criterion
 
 
+@pytest.mark.promise("docs/how-to/design.md", "`--spare 1` is short for it, and `--spare 0` for `--failed-percent 0`.")
+def test_a_number_of_spare_sensors_is_short_for_a_share_of_the_time(
+    design_sensors_roughly: Command, tmp_path: Path
+) -> None:
+    path = scene_in(tmp_path, ("count = 2", "count = 2\ngrid_mm = 80"), ("10.0", "[2.0, 20.0]"))
+    for spare, percent in ((0, 0.0), (1, 100.0)):
+        found = json.loads(design_sensors_roughly("place", path, "--spare", spare, "--json").stdout)
+        assert found["failed_percent"] == percent
+    for wrong, words in (
+        (("--spare", 2), "'2' is neither 0 nor 1"),
+        (("--spare", 1, "--failed-percent", 5), "--failed-percent: not allowed with argument --spare"),
+    ):
+        refused = design_sensors_roughly("place", path, *wrong)
+        assert refused.returncode == 2
+        assert words in refused.stderr
+
+
 def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_roughly: Command, tmp_path: Path) -> None:
     path = scene_in(tmp_path, ("[sensors]", "[sensors]\nsize_mm = 0"))  # the paper's sensors have no size
     done = design_sensors_roughly("place", path, "--sensors", 8, "--components", 4, "--search", "paper")

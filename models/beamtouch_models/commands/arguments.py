@@ -31,6 +31,13 @@ def _address(text: str) -> str:
     return text
 
 
+def _spare(text: str) -> float:
+    """Return the share of the time in percent that a number of sensors, 0 or 1, counts as failed."""
+    if text not in ("0", "1"):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither 0 nor 1")
+    return 100.0 * int(text)
+
+
 _SHARED: dict[str, dict[str, Any]] = {
     "scene": {"type": Path, "metavar": "SCENE", "help": "scene file (TOML)"},
     "model": {"type": Path, "metavar": "MODEL", "help": "model file (.onnx)"},
@@ -46,6 +53,12 @@ _SHARED: dict[str, dict[str, Any]] = {
         "metavar": "P",
         "help": "share of the time, 0 to 100, in which the worst single sensor has failed: 0 makes the mean position "
         "error of all sensors least, 100 that with the worst one failed (default: as the scene requires)",
+    },
+    "--spare": {
+        "type": _spare,
+        "dest": "failed_percent",
+        "metavar": "{0,1}",
+        "help": "sensors that may fail: 0 is short for --failed-percent 0, and 1 for --failed-percent 100",
     },
     "--workers": {
         "type": whole_number(1, MAX_WORKERS),
@@ -74,12 +87,16 @@ _SHARED: dict[str, dict[str, Any]] = {
 }
 
 
+_EITHER = {"--workers": "--cluster", "--failed-percent": "--spare"}
+"""Arguments of which one may be given, not both."""
+
+
 def _share(parser: argparse.ArgumentParser, *names: str) -> None:
-    """Add arguments that several commands have; of `--workers` and `--cluster`, one may be given."""
+    """Add arguments that several commands have, each with the one that may be given in its place."""
     for name in names:
-        if name == "--workers":
+        if name in _EITHER:
             either = parser.add_mutually_exclusive_group()
-            for option in ("--workers", "--cluster"):
+            for option in (name, _EITHER[name]):
                 either.add_argument(option, **_SHARED[option])
         else:
             parser.add_argument(name, **_SHARED[name])
