@@ -10,7 +10,7 @@ import pytest
 
 import beamtouch_daemon
 from beamtouch_daemon import cli
-from beamtouch_daemon.sources.frame_words import describe_received, in_hex
+from beamtouch_daemon.sources.frame_words import describe_received, describe_request, in_hex
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_frames import encode
 
@@ -43,7 +43,7 @@ async def lines_of(
 
 async def test_each_request_and_answer_of_a_bus_is_logged_in_hexadecimal(caplog: pytest.LogCaptureFixture) -> None:
     lines = await lines_of(no_fault, caplog)
-    asked = f"PORT: unit 1 asked for registers 0 to 1 by function 4 ({REQUEST.hex(' ')}); answered within "
+    asked = f"PORT: unit 1 asked for registers 0 to 1 by function 4 ({REQUEST.hex(' ')}); answered after "
     answered = [line for line in lines if line.startswith(asked)]
     assert len(answered) > 10
     assert all("(01 04 04 00 " in line for line in answered)
@@ -93,12 +93,22 @@ async def test_nothing_of_a_line_is_logged_unless_it_is_asked_for(caplog: pytest
     ("came", "words"),
     [
         (b"", "not a byte came"),
-        (ANSWER, "an intact answer of unit 1, to an earlier request or to another master"),
-        (ANSWER[:2], "the beginning of an answer of unit 1, which breaks off after 2 of 5 bytes"),
+        (ANSWER, "an intact answer of unit 1, to an earlier request, to another master, or of another length"),
+        (ANSWER + with_crc(bytes([5, 4, 2, 0, 7])), "an intact answer of units 1 and 5, to an earlier request"),
+        (encode(5, TWO), "a request of another master to unit 5"),
+        (b"\0" + encode(1, Block(7, 1)), "a request of another master to unit 1"),
+        (with_crc(bytes([1, 6, 0, 1, 0, 3])), "an intact frame with function 6, of unit 1 or to it"),
+        (REQUEST[:4], "a part of the request itself, which an adapter echoes"),
+        (b"\0" + ANSWER[:6], "the beginning of an answer of unit 1, which breaks off after 6 of 9 bytes"),
+        (b"\1", "1 byte came (01): too few bytes to tell"),
+        (b"\0\xff", "2 bytes came (00 ff): too few bytes to tell"),
+        (ANSWER[:2], "2 bytes came (01 04): too few bytes to tell"),
+        (b"\xff" + ANSWER[:2], "the beginning of an answer of unit 1, which breaks off after 2 of 5 bytes"),
+        (ANSWER[:3], "the beginning of an answer of unit 1, which breaks off after 3 of 9 bytes"),
         (ANSWER[:8], "the beginning of an answer of unit 1, which breaks off after 8 of 9 bytes"),
         (bytes([1, 0x84, 2, 0]), "the beginning of an answer of unit 1, which breaks off after 4 of 5 bytes"),
         (bytes([1, 0x84, 2, 0, 0]), "the beginning of an answer of unit 1, with a wrong checksum"),
-        (bytes([2, 4, 4, 0]), "no Modbus frame"),
+        (bytes([2, 4, 4, 0]), "no Modbus frame: another baud rate or parity"),
         (REQUEST + ANSWER[:8], "the request itself, which an adapter echoes, then the beginning of an answer"),
     ],
 )
@@ -108,6 +118,19 @@ def test_bytes_that_are_no_answer_are_named(came: bytes, words: str) -> None:
 
 def test_bytes_before_any_request_may_be_of_any_unit() -> None:
     assert "the beginning of an answer of unit 2" in describe_received(bytes([2, 4, 4, 0]))
+
+
+@pytest.mark.parametrize(
+    ("block", "words"),
+    [
+        (Block(7, 1, 3), "unit 5 asked for register 7 by function 3 (01)"),
+        (Block(7, 2, 4), "unit 5 asked for registers 7 to 8 by function 4 (01)"),
+        (Block(0, 9, 1), "unit 5 asked for coils 0 to 8 by function 1 (01)"),
+        (Block(0, 1, 2), "unit 5 asked for discrete input 0 by function 2 (01)"),
+    ],
+)
+def test_a_request_says_what_it_asks_for(block: Block, words: str) -> None:
+    assert describe_request(5, block, b"\1") == words
 
 
 def test_a_long_frame_is_shown_to_its_64th_byte() -> None:

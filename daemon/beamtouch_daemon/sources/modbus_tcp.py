@@ -15,7 +15,7 @@ from beamtouch_daemon.sources.frame_words import describe_request, in_hex
 from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError, no_connection
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
-from beamtouch_daemon.sources.requests import Failure, Requests, insist
+from beamtouch_daemon.sources.requests import Failure, Requests, exception_words, insist
 from beamtouch_daemon.sources.rtu_frames import answers_of
 from beamtouch_daemon.sources.rtu_line import RtuLine
 from beamtouch_daemon.sources.serial_port import SerialPort
@@ -101,19 +101,25 @@ class TcpLink:
             answer = await self._exchange(block)
         except TimeoutError as error:
             self._close()
-            why = self._explain_silence()
-            _log.debug("%s: %s", self._address, why)
-            raise why from error
+            raise self._noted(self._explain_silence()) from error
         except (OSError, EOFError) as error:
             self._close()
-            raise NoAnswerError(f"{self._address} closes the connection without an answer", Failure.CLOSED) from error
+            why = NoAnswerError(f"{self._address} closes the connection without an answer", Failure.CLOSED)
+            raise self._noted(why) from error
         except BaseException:  # cancelled: the answer may still come
             self._close()
             raise
         if answer is None:
             self._close()
-            raise NoAnswerError(f"{self.name} answered another request", Failure.FOREIGN)
+            raise self._noted(NoAnswerError(f"{self.name} answered another request", Failure.FOREIGN))
+        if answer.exception:
+            _log.debug("%s: %s: %s", self._address, self.name, exception_words(answer.exception))
         return answer
+
+    def _noted(self, failure: NoAnswerError) -> NoAnswerError:
+        """Write to the debug log why there is no answer, and return that."""
+        _log.debug("%s: %s", self._address, failure)
+        return failure
 
     async def _exchange(self, block: Block) -> Answer | None:
         """Send a request and return its answer; None if it does not fit.

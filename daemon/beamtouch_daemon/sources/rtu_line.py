@@ -54,9 +54,9 @@ class RtuLine:
                         self._take_unexpected(received[end:])
                         self._tell_answer(address, block, request, came, answer)
                         return answer
-        self._tell_silence(address, block, request, came, timeout_s)
         within = f"within {timeout_s * 1e3:.0f} ms"
         self._note(received)
+        self._tell_silence(address, block, request, came, timeout_s)
         if any(answers_of(address, received)):
             raise NoAnswerError(f"unit {address} answers, but not {within}: its answers come late", Failure.LATE)
         if received:
@@ -88,7 +88,7 @@ class RtuLine:
             if answer.exception:
                 meaning = f"; {exception_words(answer.exception)}"
             took_ms = (uptime_s() - answer.asked_s) * 1e3
-            words = "%s: %s; answered within %.1f ms (%s)%s"
+            words = "%s: %s; answered after %.1f ms (%s)%s"
             _log.debug(words, self.port.path, asked, took_ms, in_hex(came), meaning)
 
     def _tell_silence(self, address: int, block: Block, request: bytes, came: bytes, timeout_s: float) -> None:
