@@ -1,4 +1,4 @@
-"""Asks the service if it takes the samples of a surface, without sending one, so that no answer of it changes."""
+"""Asks the service whether it takes the samples of a surface, without sending one, so that no answer of it changes."""
 
 from typing import Literal, NamedTuple
 
@@ -34,7 +34,7 @@ class _Model(BaseModel):
 
 
 class Readiness(NamedTuple):
-    """The service's answer to the question if it takes the samples of a surface, and if they belong to its model."""
+    """The service's answer: whether it takes the samples of a surface, and whether they belong to its model."""
 
     refusal: str | None = None
     """Reason why it does not take them; None: it takes them."""
