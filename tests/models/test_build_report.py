@@ -11,7 +11,7 @@ from beamtouch_models.design.building.build import Built
 from beamtouch_models.design.building.report import page as page_module
 from beamtouch_models.design.building.report.page import Facts, gather, page
 from beamtouch_models.design.building.report.parts import parts_of, shows_mm
-from beamtouch_models.design.building.report.questions import overload_of
+from beamtouch_models.design.building.report.questions import overload_of, questions
 from beamtouch_models.design.layout import Layout
 from beamtouch_models.design.placement.placing import Aim, place
 from beamtouch_models.design.scene import change_scene, load_scene
@@ -201,3 +201,21 @@ def test_ringing_is_stated(facts: Facts, words: str) -> None:
     other = " ".join(Tags(page(replace(facts, built=still))).text)
     assert "beam rings at" not in other
     assert "the scene does not state the mass of the beam" in other
+
+
+def test_a_larger_force_is_noted_where_forces_are_open_and_unexplained_where_they_are_known(facts: Facts) -> None:
+    surface, metadata = facts.built.layout.surface, facts.model.metadata
+
+    def answered(force_n: tuple[float, float], sensors: int = 4) -> dict[str, str]:
+        ranges = metadata.ranges.model_copy(update={"force_n": force_n})
+        of_force = metadata.model_copy(update={"ranges": ranges, "layout": metadata.layout[:sensors]})
+        return {question.asked: question.answer for question in questions(surface, of_force, (1.0, 1.0), 1.0)}
+
+    larger, several = "What if the force is larger?", "What if two things touch it, or something long lies on it?"
+    assert answered((2.0, 20.0))[larger].startswith("Clearly beyond 20 N, answers carry the note `overload`")
+    for force_n, words in (((9.9, 10.1), "9.9 to 10.1 N"), ((10.0, 10.0), "10 N")):
+        told = answered(force_n)[larger]
+        assert told.startswith(f"A force that is not {words} gives the state `unexplained`")
+        assert "overload" not in told
+    assert "With 2 sensors nothing notices it" in answered((2.0, 20.0), sensors=2)[several]
+    assert "With 2 sensors little notices it" in answered((10.0, 10.0), sensors=2)[several]

@@ -20,13 +20,14 @@ from beamtouch_models.design.calibration.recordings import read_contacts, read_l
 from beamtouch_models.design.calibration.self_calibrate import self_calibrate
 from beamtouch_models.design.calibration.session import Session
 from beamtouch_models.design.effort import Effort
-from beamtouch_models.design.surface import resolve_model
+from beamtouch_models.design.scene import change_scene, load_scene
+from beamtouch_models.design.surface import resolve, resolve_model
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile, Weighed, evidence
 from models.calibration_files import write_contacts, write_readings
 from support.programs.in_process import Command
-from support.surfaces.example_scenes import ROUGH
+from support.surfaces.example_scenes import ROUGH, SCENES
 from support.surfaces.real_surfaces import deflections_on, random_imperfections, recorded, true_prior
 from support.surfaces.unlabelled_contacts import Kind, drawn, missed_mm
 
@@ -207,3 +208,14 @@ def test_rows_of_the_newest_characteristic_count_and_each_event_once(bench: Mode
     assert (len(found), found.other_characteristic) == (5, 4)
     assert found.measured_mm == pytest.approx(measured_mm[4:], abs=1e-9)
     assert found.deviation_mm == pytest.approx(deviation_mm[4:], abs=1e-9)
+
+
+@pytest.mark.filterwarnings("error")
+def test_one_sensor_under_an_open_force_is_calibrated_to_what_it_can_tell() -> None:
+    scene = change_scene(load_scene(SCENES / "bench.toml")[0], sensors={"count": 1})
+    model = resolve(scene).layout([130.0]).build(effort=0.01)
+    loads = recorded(model.metadata, Imperfections(gain=(1.02,)), np.random.default_rng(4))
+    fitted = calibrate(model, loads, silent, effort=Effort(0.01))
+    floor, before = fitted.metadata.floor, model.metadata.floor
+    assert 0 < floor.gain[0] <= 0.05
+    assert np.isfinite([*floor.gain, *floor.zero_mm, *before.gain]).all()

@@ -357,7 +357,7 @@ def test_estimates_are_told_in_words_with_the_decimals_that_they_are_worth(
     assert re.fullmatch(r"contact at 15\d\.\d+ mm \(14\d\.\d+ to 15\d\.\d+\) with \d+\.\d+ N \(.* to .*\)", told[0]), (
         told
     )
-    assert told[1].endswith("; 2 channels cannot tell it from other loads")
+    assert told[1].endswith("; 2 channels hardly tell it from other loads")
     assert told[2:] == ["clear, nothing touches", "unexplained: not one contact, or a wrong sensor"]
     assert str(model.estimate(np.empty((0, 4)))) == ""
 

@@ -45,7 +45,7 @@ class Estimates(dict[str, NDArray[Any]]):
     took part. The other names are the outputs of the model, which `Model.estimate` has.
 
     >>> model.estimate([[0.58, 0.45], [0, 0.0001], [0.7, -0.7]])
-    contact at 84.5 mm (80.8 to 87.8); 2 channels cannot tell it from other loads
+    contact at 84.5 mm (80.8 to 87.8); 2 channels hardly tell it from other loads
     clear, nothing touches
     unexplained: not one contact, or a wrong sensor
     """
@@ -65,7 +65,7 @@ class Estimates(dict[str, NDArray[Any]]):
         told = f"contact at {_with_interval(figures, 'position', 'mm')}"
         if "force_n" in figures:
             told += f" with {_with_interval(figures, 'force', 'n')}"
-        few = f"; {self['channels'][row]} channels cannot tell it from other loads"
+        few = f"; {self['channels'][row]} channels hardly tell it from other loads"
         return told + (few if self["channels"][row] < CHECKED else "")
 
 
@@ -89,7 +89,7 @@ class Model(ModelFile):
     >>> deflection_mm = 10 * influence_matrix(scene, layout.positions_mm, [150])
     >>> answers = model.estimate(deflection_mm)
     >>> answers
-    contact at 150.0 mm (146.7 to 153.7); 2 channels cannot tell it from other loads
+    contact at 150.0 mm (146.7 to 153.7); 2 channels hardly tell it from other loads
     >>> answers["state"].tolist(), answers["position_mm"].round(1)
     (['contact'], array([150.]))
     """

@@ -25,7 +25,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     layout = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in metadata.layout)
     low, high = metadata.ranges.position_mm
     weak, strong = metadata.ranges.force_n
-    known = "not known in advance" if ForceRange(weak, strong).is_open else "known"
+    known = "not known in advance" if ForceRange(weak, strong).is_open else "known to be within this range"
     force = f"{weak:g} N, an exact force" if weak == strong else f"{weak:g} to {strong:g} N, {known}"
     gaps = f"linear over gaps of {sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm"
     least, most = str(chosen.window), "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"

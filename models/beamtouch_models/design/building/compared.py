@@ -69,8 +69,10 @@ def compare_layout(layout: Layout, seed: int, *, anew: bool = False) -> Compared
         shares[ALL_WORK] = 0.0
     for name, percent in shares.items():
         other = Aim(CRITERIA[0], percent, effort=effort)
-        found = place_by_position_error(influence, rules, count, seed, surface.sampling, other)
-        positions[name] = np.array(found.positions_mm)
+        # One sensor is not placed for its own failure.
+        with suppress(SceneError):
+            found = place_by_position_error(influence, rules, count, seed, surface.sampling, other)
+            positions[name] = np.array(found.positions_mm)
     places = [on_axis(each) for each in positions.values()]
     costs = dict(zip(positions, costs_of(influence, surface.errors, places, seed + 1, aim.effort), strict=True))
     reasons = reasons_for(costs[TAKEN], rules.gap_mm, surface.scene.sensors.fixed_mm)

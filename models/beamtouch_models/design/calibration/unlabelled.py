@@ -185,6 +185,8 @@ INNER = 0.05
 ENOUGH = 0.75
 """Share of these contacts at which the floor states at least the position error that the fit leaves."""
 TINY = float(np.finfo(np.float64).tiny)
+UNTOLD = 1e-9
+"""Part of the information on a place that does not depend on the force, below which rounding is all that is left."""
 MIN_GAIN = 5e-4
 """Smallest floor of a gain: sensors and amplifiers are not steadier than that."""
 
@@ -253,12 +255,16 @@ def measure_remaining(
     read = stated.relative_error**-2
     part = (by_place * by_force).sum(axis=1) / ((by_force**2).sum(axis=1) + read)
     across = by_place - part[:, None] * by_force
-    weights = across / ((across**2).sum(axis=1) + read * part**2)[:, None] / deviation
+    told = (across**2).sum(axis=1) + read * part**2
+    # One sensor under an open force tells no place.
+    is_told = told > UNTOLD * (by_place**2).sum(axis=1)
+    weights = np.where(is_told[:, None], across / np.where(is_told, told, 1.0)[:, None], 0.0) / deviation
     moves = np.einsum("lc,lcv->lv", weights, slopes)
     open_mm = np.sqrt(np.einsum("lv,vw,lw->l", moves, covariance, moves))
     gain_error = np.sqrt((spread / np.maximum(clean**2, TINY)).mean(axis=0))
     gain_error = np.maximum(gain_error, MIN_GAIN)
-    factor = float(np.quantile(open_mm / stated_mm(weights * clean, gain_error), ENOUGH))
+    ratios = open_mm[is_told] / stated_mm(weights * clean, gain_error)[is_told]
+    factor = float(np.quantile(ratios, ENOUGH)) if len(ratios) else 1.0
     floor = np.maximum(np.hypot(factor * gain_error, left_error), MIN_GAIN)
     shift_mm = 0.0 if start is None else float(np.sqrt(((moves @ (vector - start)) ** 2).mean()))
     share = np.einsum("lc,lcv->lv", clean / np.maximum((clean**2).sum(axis=1, keepdims=True), TINY), slopes)

@@ -30,6 +30,8 @@ NEGLIGIBLE = 10.0
 """Difference to the largest log density beyond which a cell is not part of a posterior."""
 FLAT = 1e-6
 """Smallest effect of the range of forces, in deviations of a sample: less, beside a support, is rounding."""
+NARROW = 1e-6
+"""Length of a range of forces over its end, below which the force is as good as exact, and differences would cancel."""
 TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -88,7 +90,8 @@ class MeanError:
                 sample = sample + self.noise[part][:, kept] / np.sqrt(precision)
             # Squares in units of the deviations: of samples along the shape of a cell, and of shapes per N.
             along, square = (precision * sample) @ shapes.T, precision @ np.square(shapes).T
-            yield _over_forces(along, square, low, high) if low < high else _at_force(along, square, low)
+            is_range = high - low > NARROW * high
+            yield _over_forces(along, square, low, high) if is_range else _at_force(along, square, (low + high) / 2)
 
 
 def _at_force(along: Floats, square: Floats, force_n: float) -> Floats:

@@ -16,7 +16,8 @@ MOVING = 1.5
 """A sample moves if its variance, summed over the channels, exceeds this many times that of its noise, or of the noise
 that the model was made for if that is larger. A smaller lag of a long mean is in its covariance, and is no motion."""
 CHECKED = 3
-"""Smallest number of channels that check a contact: two fit one to any sample but a pull and the like."""
+"""Smallest number of channels that check a contact: two fit one of an open force to any sample but a pull and the like,
+and a known force is little to check two by."""
 SETTLED = 1.6
 """Largest variance of the noise of a settled sample, over that which the model was made for: one reading may lack."""
 LOG_ODDS, MISFIT = "contact_log_odds", "misfit"

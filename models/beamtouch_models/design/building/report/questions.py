@@ -12,6 +12,7 @@ from beamtouch_models.design.surface import Surface
 from beamtouch_models.numbers import rounded
 from beamtouch_models.runtime.decision.evidence import CHECKED
 from beamtouch_models.runtime.description import nothing_seen, per_day, unseen
+from beamtouch_models.runtime.force_range import ForceRange
 from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, Metadata
 
 
@@ -46,9 +47,15 @@ def _states_force(metadata: Metadata) -> bool:
     return set(FORCE_OUTPUTS) <= set(metadata.golden.answers)
 
 
+def _forces(metadata: Metadata) -> str:
+    """Return the forces of the scene."""
+    weak, strong = metadata.ranges.force_n
+    return f"{weak:g} N" if weak == strong else f"{weak:g} to {strong:g} N"
+
+
 def can(metadata: Metadata, force_error_n: Measurement | None) -> list[str]:
     """Return what the surface does, beside finding places; `force_error_n` is the mean |error| of force."""
-    accuracy, (weak, strong), count = metadata.accuracy, metadata.ranges.force_n, len(metadata.layout)
+    accuracy, count = metadata.accuracy, len(metadata.layout)
     first, usual = accuracy.since_touch[0], metadata.filter.window
     settled = next((one for one in accuracy.since_touch if one.readings >= usual), first)
     told = [f"It answers {digits(first.since_ms, 3)} ms after a touch"]
@@ -58,7 +65,7 @@ def can(metadata: Metadata, force_error_n: Measurement | None) -> list[str]:
         told[0] += f"; after {digits(settled.since_ms, 3)} ms at rest it is as good as stated"
     if force_error_n is not None:
         off_n = rounded(force_error_n.value, force_error_n.standard_error)
-        told.append(f"It states the force, too: off by {off_n} N on average, over {weak:g} to {strong:g} N")
+        told.append(f"It states the force, too: off by {off_n} N on average, where it is {_forces(metadata)}")
     spare = count - metadata.min_channels
     if spare:
         told.append(f"It goes on with {spare} of {count} sensors failed, less accurately")
@@ -99,8 +106,13 @@ def questions(surface: Surface, metadata: Metadata, ends_mm: Sequence[float], mi
 
 
 def _larger(metadata: Metadata) -> Iterator[str]:
-    strong, over = metadata.ranges.force_n[1], overload_of(metadata)
-    if _states_force(metadata):
+    (weak, strong), over = metadata.ranges.force_n, overload_of(metadata)
+    if not ForceRange(weak, strong).is_open:
+        yield (
+            f"A force that is not {_forces(metadata)} gives the state `unexplained` where the sensors show the "
+            "difference. Elsewhere it moves the place, and no note says so: state a tolerance that the force keeps."
+        )
+    elif _states_force(metadata):
         yield f"Clearly beyond {strong:g} N, answers carry the note `overload`: do not act on them, take the load off."
     else:
         yield f"Beyond {strong:g} N no note says so, as this model states no force (`requirements.descriptors`)."
@@ -160,7 +172,8 @@ def _several(metadata: Metadata) -> Iterator[str]:
         "together, which look like one between them. A load that is spread mostly looks like a contact in its middle."
     )
     if len(metadata.layout) < CHECKED:
-        yield f"With {len(metadata.layout)} sensors nothing notices it: each contact carries the note `unchecked`."
+        sees = "nothing notices it" if ForceRange(*metadata.ranges.force_n).is_open else "little notices it"
+        yield f"With {len(metadata.layout)} sensors {sees}: each contact carries the note `unchecked`."
     else:
         yield "`design-sensors challenge` measures how often this surface notices what."
 
