@@ -24,7 +24,7 @@ GUIDES = {
     "docs/how-to/calibrate.md": [
         r"gain +s1 \+[23]\.\S+ \+- \S+ s2 -[23]\.\S+ \+- \S+ s3 -[12]\.\S+ \+- \S+ s4 \+[12]\."
     ],
-    "docs/how-to/commissioning.md": [r"\nposition_mm 1[01]\d\.", r"\nposition_mm 2[1-4]\d\."],
+    "docs/how-to/commissioning.md": [r"\nposition_mm 1[23]\d\.", r"\nposition_mm 2[67]\d\."],
     "docs/how-to/design.md": ["zero drift", "checked  the graph gives the 9 answers"],
     "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],
     "docs/how-to/two-hosts.md": ['"surface":"strip"', "urn:beamtouch:problem:unauthorized"],
@@ -68,6 +68,8 @@ NEED_A_DEVICE = {
     "the beginning of an answer of unit 1, which breaks off": "tests/daemon/test_debug_log.py",
     "the beginning of an answer of unit 1, with a wrong checksum": "tests/daemon/test_debug_log.py",
     "an intact answer of unit 1, to an earlier request": "tests/daemon/test_debug_log.py",
+    "a request of another master to unit 1": "tests/daemon/test_debug_log.py",
+    "an intact frame with function 6": "tests/daemon/test_debug_log.py",
 }
 """Words of quoted sentences that the rig does not cause: of devices that fail, or of hours. Others hold them."""
 ON_A_SLOW_MACHINE = {"the line to the service is thin": "tests/daemon/test_thin_line.py"}
