@@ -160,7 +160,9 @@ class Acquisition:
         rests = self._pipeline.most_waiting > 0
         if rests != self._rests:
             self._rests = rests
-            words = "nothing happens: few samples, each the mean of all readings" if rests else "one sample for each reading"
+            words = "one sample for each reading"
+            if rests:
+                words = "nothing happens: few samples, each the mean of all readings"
             _log.debug("%s: sample %d: %s", self.name, samples[-1].sample.sequence, words)
 
     def _tell_drift(self) -> None:
