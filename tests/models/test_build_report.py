@@ -219,3 +219,18 @@ def test_a_larger_force_is_noted_where_forces_are_open_and_unexplained_where_the
         assert "overload" not in told
     assert "With 2 sensors nothing notices it" in answered((2.0, 20.0), sensors=2)[several]
     assert "With 2 sensors little notices it" in answered((10.0, 10.0), sensors=2)[several]
+
+
+def test_the_gap_under_the_largest_force_is_that_at_the_sensors_by_the_formula_of_a_simple_beam(facts: Facts) -> None:
+    """Of a load F at c, the beam sags by F (l - c) x (l^2 - (l - c)^2 - x^2) / (6 l E I) at x <= c."""
+    length, rigidity, force = 400.0, 210e3 * 25 * 3**3 / 12, 20.0
+    load, sensor = np.meshgrid(
+        np.linspace(1, 399, 399), [channel.position_mm for channel in facts.model.metadata.layout]
+    )
+    place, beyond = np.minimum(load, sensor), length - np.maximum(load, sensor)
+    sag_mm = force * beyond * place * (length**2 - beyond**2 - place**2) / (6 * length * rigidity)
+    (gap,) = (part for part in parts_of(facts.built.layout.surface, facts.model.metadata) if part.name == "gap at rest")
+    least, rest = map(float, re.findall(r"with 20 N lying on it, sensors see ([\d.]+) to ([\d.]+) mm", gap.remark)[0])
+    assert rest == float(gap.value.split()[0])
+    assert rest - least == pytest.approx(sag_mm.max(), rel=0.01)
+    assert sag_mm.max() < 0.95 * facts.model.metadata.max_deflection_mm

@@ -98,7 +98,7 @@ def describe_ringing(found: Ringing) -> list[str]:
         f"after a touch it rings for up to {digits(found.after_touch_s, 2)} s, after a lift for up to "
         f"{digits(found.after_lift_s, 2)} s, until the ringing is under the noise of a reading",
         "meanwhile answers come all the same: the filter follows the swings once the readings show them, and until "
-        "then intervals are as wide as they scatter; `build` says how large the error is, and when",
+        "then intervals are as wide as the swings make them",
         *map(_told_of, found.aliased),
         *_told_of_rates(found),
     ]

@@ -71,6 +71,7 @@ class Part:
 def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
     """Return what the surface is made of, and the errors that its sensors may have, as standard deviations."""
     scene, sensor = surface.scene, metadata.sensor
+    moved_mm = metadata.ranges.force_n[1] * np.array(metadata.influence.mm_per_n)
     return [
         *_of_beam(scene),
         Part(
@@ -88,9 +89,9 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
         Part(
             "gap at rest",
             f"{digits(sensor.standoff_mm, 3)} mm",
-            f"set it with the beam in place; under {metadata.ranges.force_n[1]:g} N it is "
-            f"{digits(sensor.standoff_mm - surface.travel.fall_mm, 3)} to "
-            f"{digits(sensor.standoff_mm + surface.travel.lift_mm, 3)} mm",
+            f"set it with the beam in place; with {metadata.ranges.force_n[1]:g} N lying on it, sensors see "
+            f"{digits(sensor.standoff_mm - max(moved_mm.max(), 0.0), 3)} to "
+            f"{digits(sensor.standoff_mm - min(moved_mm.min(), 0.0), 3)} mm",
             "computed" if scene.sensors.standoff_mm is None else "stated",
         ),
         Part(

@@ -62,7 +62,7 @@ def can(metadata: Metadata, force_error_n: Measurement | None) -> list[str]:
     if metadata.filter.kind == "growing-mean":
         told[0] += ", and the answer sharpens while the load rests"
     if settled is not first:
-        told[0] += f"; after {digits(settled.since_ms, 3)} ms at rest it is as good as stated"
+        told[0] += f"; {digits(settled.since_ms, 3)} ms after the beam is still, it is as good as stated"
     if force_error_n is not None:
         off_n = rounded(force_error_n.value, force_error_n.standard_error)
         told.append(f"It states the force, too: off by {off_n} N on average, where it is {_forces(metadata)}")
@@ -99,7 +99,7 @@ def questions(surface: Surface, metadata: Metadata, ends_mm: Sequence[float], mi
         ("What if a sensor fails, or is knocked?", _failing(metadata)),
         ("What does a false contact mean?", _false(metadata)),
         ("Who calibrates it, and when?", _calibration(metadata)),
-        ("Does the beam bear it?", _stress(surface, metadata)),
+        ("Is the beam strong enough?", _stress(surface, metadata)),
         ("How sure are these figures?", _figures(metadata)),
     ]
     return [Question(question, " ".join(answer)) for question, answer in asked]
@@ -123,6 +123,7 @@ def _larger(metadata: Metadata) -> Iterator[str]:
         )
     if np.isfinite(over.touches_n):
         yield f"At {digits(over.touches_n, 2)} N, the beam touches a sensor: give it a stop before that."
+    yield "These forces lie on gently: a sudden one bends the beam up to twice as far for a moment."
 
 
 def _ends(metadata: Metadata, ends_mm: Sequence[float], middle_mm: float) -> Iterator[str]:
@@ -168,7 +169,7 @@ def _warmth(surface: Surface, metadata: Metadata) -> Iterator[str]:
 
 def _several(metadata: Metadata) -> Iterator[str]:
     yield (
-        "What is noticed gives the state `unexplained` and no place: two contacts far apart more often than two close "
+        "What it notices gets the state `unexplained` and no place: two contacts far apart more often than two close "
         "together, which look like one between them. A load that is spread mostly looks like a contact in its middle."
     )
     if len(metadata.layout) < CHECKED:
