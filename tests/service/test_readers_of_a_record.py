@@ -85,6 +85,7 @@ def test_a_reader_rests_after_each_eight_rows(
     store: Store, monkeypatch: pytest.MonkeyPatch, count: int, rests: int
 ) -> None:
     worked = Worked(monkeypatch, step_s=1.0)
-    rows = Reader(store.database).rows(union_all(*[select(literal(number)) for number in range(count)]))  # type: ignore[arg-type]
+    numbers = union_all(*[select(literal(number)) for number in range(count)]).subquery()
+    rows = Reader(store.database).rows(select(numbers))
     assert [row[0] for row in rows] == list(range(count))
     assert len(worked.rests_s) == rests

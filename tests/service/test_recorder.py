@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Collection, Iterable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,8 +11,9 @@ import pytest
 from sqlalchemy import literal, select
 
 from beamtouch_service.events import boot, recorder
-from beamtouch_service.events.database import EventsAwayError, UnreadableRowError
+from beamtouch_service.events.database import Database, EventsAwayError, UnreadableRowError
 from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.retention import Deleted
 from beamtouch_service.events.store import Due, Store
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
@@ -212,7 +213,9 @@ async def test_samples_that_moved_the_answer_are_not_weighed_again_if_all_of_the
             await commit(one)
             events = await one.write(lambda store: store.due("line-3", 9, from_start=True)[0])
             assert events == []  # an open event is none
-            return "contact" if one._records["press-7"].boot("boot-0001").event else "clear"  # type: ignore[union-attr]
+            held = one._records["press-7"].boot("boot-0001")
+            assert held is not None
+            return "contact" if held.event else "clear"
 
     assert await begins(weighed) == "contact"
     assert await begins({2: weighed[2]}) == "clear"
@@ -415,9 +418,11 @@ async def test_the_limits_are_looked_after_at_once_and_then_each_minute(monkeypa
     async with recording() as one:
         tidy = one.retention.tidy
 
-        def looking(*arguments: object) -> object:
+        def looking(
+            database: Database, clock_s: float, uptime_s: float, held: Collection[tuple[str, str]] = ()
+        ) -> Deleted:
             looks_s.append(now.s)
-            return tidy(*arguments)  # type: ignore[arg-type]
+            return tidy(database, clock_s, uptime_s, held)
 
         monkeypatch.setattr(one.retention, "tidy", looking)
         running = asyncio.ensure_future(one.run())

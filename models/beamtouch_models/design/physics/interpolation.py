@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import RectBivariateSpline, make_interp_spline
 
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
@@ -69,8 +70,6 @@ def interpolate_influence(
     6.12 +- 0.09 mm, as it yields half as much
     """
     require(scene, Scene, "scene", "what read_scene or make_scene returns")
-    from scipy.interpolate import RectBivariateSpline  # noqa: PLC0415  # slow to import, and only scripts need it
-
     low, high = scene.contact.position_mm
     sensor, load, table = array_of(sensor_mm, "sensor_mm"), array_of(load_mm, "load_mm"), array_of(matrix, "matrix")
     length_mm = scene.beam.length_mm if scene.has_beam else float(sensor.max(initial=0.0))
@@ -134,8 +133,6 @@ def _missed(places_mm: Floats, values: Floats) -> Floats:
 
     What lies beyond an end of the others is not interpolated: an end has what its neighbour has.
     """
-    from scipy.interpolate import make_interp_spline  # noqa: PLC0415
-
     missed, inner = np.empty_like(values), np.arange(1, len(places_mm) - 1)
     for first in range(APART):
         out = inner[first::APART]
