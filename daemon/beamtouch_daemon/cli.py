@@ -11,7 +11,7 @@ from typing import get_args
 
 from beamtouch_common import log
 from beamtouch_common.commands import Parser, exit_code, whole_number
-from beamtouch_daemon.commands.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
+from beamtouch_daemon.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
 from beamtouch_daemon.config.value_types import ByteOrder, ValueType
 
 PROGRAM = "beamtouch-daemon"

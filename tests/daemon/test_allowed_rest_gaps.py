@@ -2,7 +2,7 @@
 
 import pytest
 
-from beamtouch_daemon.processing.tares import find_contradictions
+from beamtouch_daemon.measuring.tares import find_contradictions
 
 from .surfaces import surface_of
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing.at_rest import (
+from beamtouch_daemon.measuring.at_rest import (
     NotAtRestError,
     rest_gaps,
     select_rest,
 )
-from beamtouch_daemon.processing.tares import describe_comparison, find_contradictions
+from beamtouch_daemon.measuring.tares import describe_comparison, find_contradictions
 from beamtouch_models.filters import FloatArray
 
 from .surfaces import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamtouch_daemon.processing.at_rest import NotAtRestError, rest_gaps
+from beamtouch_daemon.measuring.at_rest import NotAtRestError, rest_gaps
 from beamtouch_models.filters import FloatArray
 
 from .surfaces import NOISE_MM, counts_of, surface_of

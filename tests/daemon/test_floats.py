@@ -10,8 +10,8 @@ import pytest
 
 from beamtouch_daemon.commands.noise import Measurement, Recording, report
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing.at_rest import NotAtRestError, rest_gaps, select_rest
-from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
+from beamtouch_daemon.measuring.at_rest import NotAtRestError, rest_gaps, select_rest
+from beamtouch_daemon.measuring.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.processing.stuck import longest_runs
 from beamtouch_daemon.sources.reading import Reading

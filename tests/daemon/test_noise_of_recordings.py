@@ -7,9 +7,9 @@ import pytest
 
 from beamtouch_daemon.commands.noise import Measurement, Recording, report
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing import noise as daemon_noise
-from beamtouch_daemon.processing.at_rest import select_rest
-from beamtouch_daemon.processing.noise import ChannelNoise, keys_of, measure_noise, readings_needed, round_up
+from beamtouch_daemon.measuring import noise as daemon_noise
+from beamtouch_daemon.measuring.at_rest import select_rest
+from beamtouch_daemon.measuring.noise import ChannelNoise, keys_of, measure_noise, readings_needed, round_up
 from beamtouch_models.design.pricing import noise as priced_noise
 
 from .surfaces import (

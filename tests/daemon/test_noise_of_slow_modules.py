@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamtouch_daemon.processing.noise import keys_of, measure_noise
+from beamtouch_daemon.measuring.noise import keys_of, measure_noise
 from beamtouch_daemon.processing.stuck import Runs, longest_runs
 from beamtouch_models.filters import FloatArray
 

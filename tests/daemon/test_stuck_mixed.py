@@ -3,7 +3,7 @@
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing.at_rest import NotAtRestError, select_rest
+from beamtouch_daemon.measuring.at_rest import NotAtRestError, select_rest
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Quality

@@ -12,7 +12,8 @@ import facts
 from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log_store import MEMORY_S
 from beamtouch_daemon.delivery.pace import MAX_BATCH
-from beamtouch_daemon.processing import rate, tares
+from beamtouch_daemon.measuring import tares
+from beamtouch_daemon.processing import rate
 from beamtouch_daemon.running.acquisition import PATIENCE_S
 from beamtouch_daemon.sources import board, rtu_bus, rtu_unit, traffic
 from beamtouch_models import read_scene

@@ -9,9 +9,9 @@ import pytest
 import tomli_w
 
 from beamtouch_daemon.config.settings import Surface as Settings
-from beamtouch_daemon.processing.at_rest import select_rest
+from beamtouch_daemon.measuring.at_rest import select_rest
+from beamtouch_daemon.measuring.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.characteristic import Characteristic
-from beamtouch_daemon.processing.noise import Keys, keys_of, measure_noise
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats

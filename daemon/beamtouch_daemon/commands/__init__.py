@@ -1,1 +1,1 @@
-"""The commands of `beamtouch-daemon`, a module each: init, scan, check, tare, noise, record, run; and their parts."""
+"""The commands of `beamtouch-daemon`, a module each: init, scan, check, tare, noise, record, run."""

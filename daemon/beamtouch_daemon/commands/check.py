@@ -14,16 +14,16 @@ from time import monotonic
 import numpy as np
 
 from beamtouch_common.commands import DONE
-from beamtouch_common.digits import decimals_of, digits
+from beamtouch_common.digits import decimals_of
 from beamtouch_common.errors import FailedError
 from beamtouch_common.table import aligned
-from beamtouch_daemon.commands.byte_orders import find_byte_orders
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.config.tare_file import NOT_TARED
-from beamtouch_daemon.config.value_types import LARGEST
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import readiness_of
+from beamtouch_daemon.measuring.byte_orders import find_byte_orders
+from beamtouch_daemon.measuring.figures import counts_text, rounded
 from beamtouch_daemon.processing import resolution
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
@@ -37,8 +37,6 @@ READINGS, LONGEST_S = 30, 3.0
 """Readings of a unit that is polled, and the longest time for them: they show whether requests fail now and then."""
 UNRELIABLE = 0.1
 """Share of failed requests from which on a surface is not good."""
-MAX_FRACTION = 1e6
-"""Counts from which on parts of one are left out."""
 HEAD = ("surface", "channel", "counts", "gap mm", "deflection mm", "quality")
 NUMBERS = (2, 3, 4)
 """Columns with numbers, which stand to the right."""
@@ -267,19 +265,3 @@ def _lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]
         failing = () if state.is_unreliable else state.failing
         texts = (*state.limits, *failing, "" if state.is_tared else NOT_TARED, state.doubt)
         yield from (f"{state.surface}: {text}" for text in texts if text)
-
-
-def rounded(value: float, decimals: int) -> float:
-    """Return a value with this number of decimals; never -0.0."""
-    return round(value, decimals) + 0.0
-
-
-def counts_text(counts: float) -> str:
-    """Return counts: whole ones in full, means of several conversions and fractional numbers to seven digits.
-
-    From a million on, such a mean is rounded to a whole number, because an exponent would take digits away.
-    """
-    is_whole = counts == int(counts) or abs(counts) >= MAX_FRACTION
-    if abs(counts) > LARGEST:  # no value at all
-        return f"{counts:.7g}"
-    return f"{counts + 0.0:.0f}" if is_whole else digits(counts, 7)  # never -0

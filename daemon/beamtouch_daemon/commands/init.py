@@ -16,7 +16,7 @@ from pathlib import Path
 from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import parse_toml, read_text, require_writable, write_atomically
-from beamtouch_daemon.commands.argument_types import address_of
+from beamtouch_daemon.argument_types import address_of
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.value_types import ValueType, has_fractions, words_of

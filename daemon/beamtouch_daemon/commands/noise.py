@@ -18,8 +18,8 @@ from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.table import aligned
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
-from beamtouch_daemon.processing.at_rest import NotAtRestError, select_rest
-from beamtouch_daemon.processing.noise import ChannelNoise, Keys, keys_of, measure_noise, readings_needed
+from beamtouch_daemon.measuring.at_rest import NotAtRestError, select_rest
+from beamtouch_daemon.measuring.noise import ChannelNoise, Keys, keys_of, measure_noise, readings_needed
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Source, SourceError

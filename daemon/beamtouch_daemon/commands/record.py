@@ -21,11 +21,11 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_common.uptime import uptime_s
-from beamtouch_daemon.commands.loads import Load, LoadFile, parse_load
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Loads, Surface
 from beamtouch_daemon.config.tare_file import NOT_TARED
-from beamtouch_daemon.processing.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps, steps_mm
+from beamtouch_daemon.measuring.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps, steps_mm
+from beamtouch_daemon.measuring.known_loads import Load, LoadFile, parse_load
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
 from beamtouch_daemon.sources.configured import source_of

@@ -14,7 +14,7 @@ from typing import get_args
 from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.uptime import uptime_s
-from beamtouch_daemon.commands.argument_types import RTU_UNITS, address_of, ranges
+from beamtouch_daemon.argument_types import RTU_UNITS, address_of, ranges
 from beamtouch_daemon.commands.scan_report import KINDS, Findings, FoundUnit, Source
 from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.board import BoardLine

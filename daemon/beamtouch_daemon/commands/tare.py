@@ -17,8 +17,9 @@ from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import calibration_on, contact_on
-from beamtouch_daemon.processing import at_rest, stuck, tares
-from beamtouch_daemon.processing.at_rest import NotAtRestError
+from beamtouch_daemon.measuring import at_rest, tares
+from beamtouch_daemon.measuring.at_rest import NotAtRestError
+from beamtouch_daemon.processing import stuck
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import source_of
 from beamtouch_daemon.sources.reading import SourceError, first_readings

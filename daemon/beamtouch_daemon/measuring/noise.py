@@ -14,8 +14,8 @@ import numpy as np
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import GrowingMean
 from beamtouch_daemon.config.value_types import WHOLE
+from beamtouch_daemon.measuring.at_rest import without_line
 from beamtouch_daemon.processing import resolution, stuck
-from beamtouch_daemon.processing.at_rest import without_line
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.filters import mean_of
 from beamtouch_daemon.processing.stuck import Runs

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from beamtouch_common.digits import digits
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.measuring.tares import DRIFTS_WITHIN, find_contradictions, largest_change_mm
 from beamtouch_daemon.processing import resolution, stuck
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
-from beamtouch_daemon.processing.tares import DRIFTS_WITHIN, find_contradictions, largest_change_mm
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
 

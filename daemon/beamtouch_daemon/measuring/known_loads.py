@@ -13,8 +13,8 @@ from beamtouch_common.digits import MAX_DECIMALS
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import require_writable
-from beamtouch_daemon.commands.check import counts_text, rounded
 from beamtouch_daemon.config.settings import Loads
+from beamtouch_daemon.measuring.figures import counts_text, rounded
 from beamtouch_daemon.processing.pipeline import Taken
 
 LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")
