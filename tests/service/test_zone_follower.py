@@ -6,7 +6,7 @@ from typing import Literal
 import pytest
 
 from beamtouch_common.zones import Zone, ZoneState
-from beamtouch_service.zones.follow import Seen, ZoneFollower, ZoneReport
+from beamtouch_service.surfaces.zones import ZoneEvidence, ZoneFollower, ZoneReport
 from support.surfaces.zone_cases import GATE, I, O, U, at
 
 SLOW = Zone(from_mm=120, to_mm=200, dwell_ms=20)
@@ -80,7 +80,7 @@ def reports_of(zone: Zone, story: list[Step], *, restarts: bool = False) -> list
         if more > 1:
             follower.miss()
         position = at(what) if isinstance(what, float | int) else None
-        found.append(follower.step(Seen(at_us, what == "clear", position)))
+        found.append(follower.step(ZoneEvidence(at_us, what == "clear", position)))
         follower = follower_of(zone, follower) if restarts else follower
     return found
 
@@ -115,8 +115,8 @@ def test_the_dwell_is_part_of_the_time_inside() -> None:
 def test_a_zone_that_is_defined_anew_begins_anew() -> None:
     follower = follower_of(SLOW)
     for at_us in range(0, 25_000, STEP_US):
-        report = follower.step(Seen(at_us, position=at(150)))
+        report = follower.step(ZoneEvidence(at_us, position=at(150)))
     assert report.answers == {"gate": I}
-    seen = Seen(25_000, position=at(150))
+    seen = ZoneEvidence(25_000, position=at(150))
     assert follower_of(SLOW.model_copy(update={"from_mm": 110.0}), follower).step(seen).answers == {"gate": U}
     assert follower_of(SLOW, follower).step(seen).answers == {"gate": I}

@@ -30,7 +30,7 @@ from beamtouch_service.surfaces.contact import (
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.problems import unusable_estimate
 from beamtouch_service.surfaces.warmth import Warmth
-from beamtouch_service.zones.follow import NO_ZONES, Seen, ZoneFollower, ZoneReport
+from beamtouch_service.surfaces.zones import NO_ZONES, ZoneEvidence, ZoneFollower, ZoneReport
 
 _log = logging.getLogger(__name__)
 _ALL = 40
@@ -193,12 +193,12 @@ class Judge:
     def _follow_zones(self, decision: Decision, at_us: int, sender_notes: Iterable[str]) -> ZoneReport:
         """Return what a sample shows of the zones."""
         if decision.state is State.CLEAR and not decision.is_unsteady:
-            return self._zones.step(Seen(at_us, is_clear=True))
+            return self._zones.step(ZoneEvidence(at_us, is_clear=True))
         is_explained = decision.state is State.CONTACT and not decision.is_odd
         if is_explained and _DOUBTS.isdisjoint([*sender_notes, *decision.notes(self._model)]):
             position, force = decision.figures.position, decision.figures.force
-            return self._zones.step(Seen(at_us, position=position, force=force))
-        return self._zones.step(Seen(at_us))
+            return self._zones.step(ZoneEvidence(at_us, position=position, force=force))
+        return self._zones.step(ZoneEvidence(at_us))
 
 
 class Follower:

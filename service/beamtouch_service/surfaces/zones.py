@@ -5,7 +5,7 @@ which no wall clock changes. The record has only the sender's wall clock, so tha
 step back counts as no time, but a step forward cannot be told from samples at rest, which are as far apart, and counts.
 
 Between two samples that follow each other, time counts as a whole. Where samples are missing in between, the contact
-may have been away: hysteresis and dwell begin anew, but a contact that is there afterwards has not entered again. After
+may have been away: hysteresis and dwell start over, but a contact that is there afterwards has not entered again. After
 a pause longer than a contact is held, nothing is known of what was before.
 """
 
@@ -19,7 +19,7 @@ ZoneStates = dict[str, ZoneState | None]
 """Name of a zone -> its answer; None where there is no contact to judge."""
 
 
-class Seen(NamedTuple):
+class ZoneEvidence(NamedTuple):
     """The evidence of a sample on contacts."""
 
     at_us: int
@@ -58,12 +58,12 @@ class _Progress:
     has_entered: bool = False
     """True if it was inside since it was outside last, or not known."""
 
-    def step(self, seen: Seen, length_mm: float, passed_us: int) -> int | None:
+    def step(self, evidence: ZoneEvidence, length_mm: float, passed_us: int) -> int | None:
         """Take the next sample; return the time that the contact has been inside more [us], None if it is not."""
         before, was_inside = self.lies, self.answer is ZoneState.INSIDE
-        self.lies = self._lie(seen, length_mm)
+        self.lies = self._lie(evidence, length_mm)
         self.inside_us = self.inside_us + passed_us if self.lies is before is ZoneState.INSIDE else 0
-        self.answer = ZoneState.OUTSIDE if seen.is_clear else self.lies
+        self.answer = ZoneState.OUTSIDE if evidence.is_clear else self.lies
         if self.lies is ZoneState.INSIDE and self.inside_us < self.zone.dwell_ms * 1e3:
             self.answer = ZoneState.UNSURE
         if self.answer is not ZoneState.INSIDE:
@@ -71,11 +71,11 @@ class _Progress:
             return None
         return passed_us if was_inside else self.inside_us
 
-    def _lie(self, seen: Seen, length_mm: float) -> ZoneState | None:
-        if seen.position is None:
+    def _lie(self, evidence: ZoneEvidence, length_mm: float) -> ZoneState | None:
+        if evidence.position is None:
             return None
-        now = self.zone.lies(seen.position, seen.force, length_mm, HOLD)
-        return now if now is self.lies else self.zone.lies(seen.position, seen.force, length_mm, BEGIN)
+        now = self.zone.lies(evidence.position, evidence.force, length_mm, HOLD)
+        return now if now is self.lies else self.zone.lies(evidence.position, evidence.force, length_mm, BEGIN)
 
 
 class ZoneFollower:
@@ -86,7 +86,7 @@ class ZoneFollower:
     ) -> None:
         """Begin with samples of a beam of this length, which hold a contact for `hold_us`, or go on from a memory.
 
-        A zone that is defined anew begins anew. Raises KeyError, TypeError or ValueError if `memory` is something else.
+        A zone whose definition has changed starts over. Raises KeyError, TypeError or ValueError if `memory` is something else.
         """
         self.defined = dict(zones)
         self._length_mm, self._hold_us = length_mm, hold_us
@@ -117,15 +117,15 @@ class ZoneFollower:
         for progress in self._progress.values():
             progress.lies = progress.answer = None
 
-    def step(self, seen: Seen) -> ZoneReport:
+    def step(self, evidence: ZoneEvidence) -> ZoneReport:
         """Take the next sample; return what it shows."""
-        passed_us = max(0, seen.at_us - self._last_us)
-        self._last_us = seen.at_us
+        passed_us = max(0, evidence.at_us - self._last_us)
+        self._last_us = evidence.at_us
         if passed_us > self._hold_us:
             self._forget()
         stays_us, entered = dict[str, int](), list[str]()
         for name, progress in self._progress.items():
-            longer_us = progress.step(seen, self._length_mm, passed_us)
+            longer_us = progress.step(evidence, self._length_mm, passed_us)
             if longer_us is None:
                 continue
             stays_us[name] = longer_us
