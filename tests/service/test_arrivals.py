@@ -3,21 +3,21 @@
 from math import inf, nextafter
 
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.freshness import Moment, SampleClock, Ticks, Transit
+from beamtouch_service.surfaces.freshness import Moment, SampleClock, StallDetector, Transit
 from beamtouch_service.surfaces.order import MAX_SENDERS
 
 PAUSE_S, CATCH_UP_S = 0.1, 0.5
 
 
-def ticked(*times_s: float) -> Ticks:
-    ticks = Ticks()
+def ticked(*times_s: float) -> StallDetector:
+    ticks = StallDetector()
     for now_s in times_s:
         ticks.tick(now_s)
     return ticks
 
 
 def test_nothing_waits_while_the_process_ticks() -> None:
-    assert Ticks().earliest_s(9.0) == 9.0
+    assert StallDetector().earliest_s(9.0) == 9.0
     assert ticked(0.0).earliest_s(PAUSE_S) == PAUSE_S
     assert ticked(0.0, PAUSE_S).earliest_s(0.15) == 0.15
 

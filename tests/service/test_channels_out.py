@@ -1,7 +1,7 @@
 """When a channel is out, and back again: by the time in which it was not good."""
 
 from beamtouch_service.samples import Quality
-from beamtouch_service.surfaces.channels import Change, ChannelOut, ChannelsOut
+from beamtouch_service.surfaces.channels import ChannelOut, ChannelsOut, ChannelTransition
 
 AFTER_S = 2.0
 MISSING, STUCK = Quality.MISSING, Quality.STUCK
@@ -24,8 +24,8 @@ def test_a_channel_is_out_once_it_was_not_good_for_the_stated_time() -> None:
     channels = seen((0.0, MISSING), (1.0, MISSING), (1.0, STUCK))
     out = ChannelOut(quality=STUCK, since=SINCE)
     assert (channels.any, channels.now) == (True, {"s1": out})
-    assert channels.take_changes() == [Change("s1", out, is_back=False)]
-    assert channels.take_changes() == []
+    assert channels.take_transitions() == [ChannelTransition("s1", out, is_back=False)]
+    assert channels.take_transitions() == []
     assert not seen((5.0, MISSING), (1.0, MISSING)).any
 
 
@@ -35,12 +35,15 @@ def test_a_channel_is_back_once_it_has_made_up_for_that() -> None:
     back = seen(*out, (1.0, None), (1.0, None))
     assert (back.any, back.now) == (False, {})
     said = ChannelOut(quality=MISSING, since=SINCE)
-    assert back.take_changes() == [Change("s1", said, is_back=False), Change("s1", said, is_back=True)]
+    assert back.take_transitions() == [
+        ChannelTransition("s1", said, is_back=False),
+        ChannelTransition("s1", said, is_back=True),
+    ]
 
 
 def test_a_channel_that_is_good_half_of_the_time_is_not_told() -> None:
     channels = seen(*[(1.0, MISSING), (1.0, None)] * 50)
-    assert (channels.any, channels.take_changes()) == (False, [])
+    assert (channels.any, channels.take_transitions()) == (False, [])
     assert seen((0.0, MISSING), *[(1.0, MISSING), (0.9, None)] * 12).any
     # A spell that is over counts for nothing.
     assert not seen((0.0, MISSING), (1.5, MISSING), (1.5, None), (0.0, MISSING), (1.0, MISSING)).any

@@ -36,7 +36,7 @@ class Senders:
         """Let the process run for so long, and tick as it does."""
         for _ in range(round(for_s / 0.05)):
             self.bench.now_s += 0.05
-            self.bench.app.context.ticks.tick(self.bench.now_s)
+            self.bench.app.context.stalls.tick(self.bench.now_s)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from beamtouch_service.samples import Quality
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.estimate import CHUNK, Estimator
 from beamtouch_service.surfaces.follower import Decision, Follower, Judge, Past
-from beamtouch_service.surfaces.unexplained import Overdue, Stretches
+from beamtouch_service.surfaces.unexplained import Overdue, UnexplainedTracker
 from service.bench import Row, parsed
 from service.event_story import BETWEEN, ODD, RESTING, TOUCHING
 from support.surfaces.small_model import model_of
@@ -117,7 +117,7 @@ def test_samples_of_one_sender_in_order_go_on_and_others_begin_anew() -> None:
 def test_a_long_stretch_is_told_once_with_whom_its_samples_suspected_last() -> None:
     rest, *_, odd = followed(RESTING, ODD, ODD, ODD)
     since_us = odd.estimate.sample.acquired_unix_us
-    stretches = Stretches(0.5)
+    stretches = UnexplainedTracker(0.5)
     stretches.add(odd._replace(suspect="s1", shift_mm=0.25), 9.0)  # of the time before it, nothing is known
     stretches.add(odd, 0.5)
     assert (stretches.is_overdue, stretches.take_overdue(), stretches.shift_mm) == (False, None, 0.25)

@@ -210,18 +210,18 @@ class Looked:
         more["sequence"] = self._numbers[boot_id] + 1
         self._numbers[boot_id] += len(rows)
         self.surface.receive(parsed(*rows, **more), self.now_s, f"at {boot_id}")
-        self.counts.look(self.surface, self.now_s)
+        self.counts.log_changes(self.surface, self.now_s)
 
 
 def test_another_sender_is_logged_once_a_minute_with_the_changes_since(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO", "beamtouch_service")
     looked = Looked()
-    looked.counts.look(looked.surface, 1000.0)
+    looked.counts.log_changes(looked.surface, 1000.0)
     looked.send(boot_id="boot-0000")
     assert caplog.messages == []
     for number in range(1, 4):
         looked.send(boot_id=f"boot-{number:04}")
-    looked.counts.look(looked.surface, looked.now_s)
+    looked.counts.log_changes(looked.surface, looked.now_s)
     looked.now_s += 60.0
     looked.send(boot_id="boot-last")
     words = "surface press-7: the sender changed to {} (changes since the last line: {})"
@@ -303,9 +303,9 @@ def test_a_long_stretch_is_logged_with_what_explains_it_best(
     look: str,
 ) -> None:
     looked = Looked(SurfaceSection(unexplained_after_s=0.5))
-    monkeypatch.setattr(looked.surface.stretches, "take_overdue", lambda: Overdue(START_US, suspect, shift_mm))
+    monkeypatch.setattr(looked.surface.unexplained, "take_overdue", lambda: Overdue(START_US, suspect, shift_mm))
     monkeypatch.setattr(Surface, "wiring", wiring)
-    looked.counts.look(looked.surface, 1000.0)
+    looked.counts.log_changes(looked.surface, 1000.0)
     line = f"since {SINCE} neither rest nor a single contact explains the samples (over 0.5 s); {look}"
     assert said(caplog)[0].startswith(line)
 

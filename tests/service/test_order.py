@@ -1,7 +1,7 @@
-"""The numbers of one sender as runs, how many senders are remembered, and when two of them are rivals."""
+"""The numbers of one sender as runs, how many senders are remembered, and when two of them send at once."""
 
 from beamtouch_service.samples import Batch
-from beamtouch_service.surfaces.order import MAX_RUNS, MAX_SENDERS, Order, Rivals, Runs, Senders
+from beamtouch_service.surfaces.order import MAX_RUNS, MAX_SENDERS, DuplicateSenders, Order, Runs, Senders
 
 STALE_MS = 500.0
 
@@ -117,15 +117,15 @@ class Heard:
     """Batches of several daemons, each at an address of its own."""
 
     def __init__(self, stale_ms: float = STALE_MS) -> None:
-        self.rivals = Rivals(stale_ms)
+        self.duplicates = DuplicateSenders(stale_ms)
         self.now_s = 1000.0
 
     def turns(self, *names: str, step_s: float = 0.1) -> tuple[str, str] | None:
-        """Hear a batch of each of these; return the rivals then."""
+        """Note a batch of each of these; return the addresses of two that both send."""
         for name in names:
             self.now_s += step_s
-            self.rivals.hear(name, f"at {name}", self.now_s)
-        return self.rivals.at(self.now_s)
+            self.duplicates.note(name, f"at {name}", self.now_s)
+        return self.duplicates.at(self.now_s)
 
 
 def test_two_daemons_are_rivals_after_four_returns() -> None:
@@ -140,8 +140,8 @@ def test_rivals_are_so_for_ten_seconds_after_the_last_return_or_four_times_the_l
     for stale_ms, quiet_s in ((STALE_MS, 10.0), (3000.0, 12.0)):
         heard = Heard(stale_ms)
         assert heard.turns("one", "two", "one", "two", "one", "two") is not None
-        assert heard.rivals.at(heard.now_s + quiet_s - 0.01) is not None
-        assert heard.rivals.at(heard.now_s + quiet_s) is None
+        assert heard.duplicates.at(heard.now_s + quiet_s - 0.01) is not None
+        assert heard.duplicates.at(heard.now_s + quiet_s) is None
 
 
 def test_returns_that_are_far_apart_are_no_rivalry() -> None:
@@ -156,6 +156,6 @@ def test_samples_from_before_the_begin_of_another_daemon_are_no_return() -> None
     heard = Heard()
     heard.turns("one", "two")
     for _ in range(8):
-        heard.rivals.hear("one", "at one", heard.now_s - 0.01)
-        heard.rivals.hear("two", "at two", heard.now_s)
-    assert heard.rivals.at(heard.now_s) is None
+        heard.duplicates.note("one", "at one", heard.now_s - 0.01)
+        heard.duplicates.note("two", "at two", heard.now_s)
+    assert heard.duplicates.at(heard.now_s) is None

@@ -210,7 +210,7 @@ def test_two_daemons_are_noted_by_their_live_samples() -> None:
             surface.receive(backlog, now_s, "elsewhere")
             surface.receive(parsed(TOUCHING, boot_id=boot_id, sequence=number), now_s, f"at {boot_id}")
             surface.receive(parsed().model_copy(update={"samples": []}), now_s, "asking")
-    assert surface.rivals.at(now_s) == ("at boot-0001", "at boot-0002")
+    assert surface.duplicate_senders.at(now_s) == ("at boot-0001", "at boot-0002")
     answer = surface.answer(now_s)
     assert not isinstance(answer, Problem)
     assert answer.notes == ["senders"]

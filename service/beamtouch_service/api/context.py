@@ -19,7 +19,7 @@ from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.steps import Stepper
-from beamtouch_service.surfaces.freshness import Ticks
+from beamtouch_service.surfaces.freshness import StallDetector
 from beamtouch_service.surfaces.registry import Registry
 
 Clock = Callable[[], float]
@@ -59,7 +59,7 @@ class Context:
     names: OwnNames | None = None
     """The names that clients may ask for; None: any."""
     stepper: Stepper = field(default_factory=Stepper)
-    ticks: Ticks = field(default_factory=Ticks)
+    stalls: StallDetector = field(default_factory=StallDetector)
     """Notices that the process stood still."""
     missing: dict[str, str] = field(default_factory=dict)
     """Section of the configuration -> why its address or broker is not there, empty while it is."""

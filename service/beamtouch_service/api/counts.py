@@ -71,7 +71,7 @@ class Counts:
             # An alarm cannot watch a series that does not exist yet.
             self._refusals.labels(kind.slug)
         self._minutely, self._hourly = Repeated(_log, clock=clock), Repeated(_log, every_s=3600.0, clock=clock)
-        self._rivalled: set[str] = set()
+        self._duplicated: set[str] = set()
         """Surfaces with two daemons, as it was logged."""
         self._findings: dict[str, str | None] = {}
         """Finding on the wiring of each surface, as it was logged."""
@@ -85,13 +85,13 @@ class Counts:
         for state in State:
             self.contacts.labels(surface.name, state.value)
 
-    def look(self, surface: Surface, now_s: float) -> None:
+    def log_changes(self, surface: Surface, now_s: float) -> None:
         """Log what is new about a surface and its senders at `now_s` [s]."""
         self._sender_change(surface)
         self._unexplained(surface)
         self._wiring(surface)
         self._channels_out(surface)
-        self._rivals(surface, now_s)
+        self._duplicate_senders(surface, now_s)
         self._clocks(surface, now_s)
 
     def other_beam(self, surface: str, detail: str) -> None:
@@ -111,7 +111,7 @@ class Counts:
 
     def _unexplained(self, surface: Surface) -> None:
         """Log a stretch that lasts too long, once per stretch."""
-        overdue = surface.stretches.take_overdue()
+        overdue = surface.unexplained.take_overdue()
         if overdue is None:
             return
         look = "look for a second load, for anything that touches the beam from below, for swapped cables, and for a "
@@ -126,7 +126,7 @@ class Counts:
         if surface.wiring:
             look = f"{surface.wiring}; check the wiring, and the order in the daemon's config"
         words = "surface %s: since %s neither rest nor a single contact explains the samples (over %g s); %s"
-        _log.warning(words, surface.name, rfc3339(overdue.since_us), surface.stretches.after_s, look)
+        _log.warning(words, surface.name, rfc3339(overdue.since_us), surface.unexplained.after_s, look)
 
     def _wiring(self, surface: Surface) -> None:
         """Log a finding on the wiring once, and that it holds no longer."""
@@ -142,7 +142,7 @@ class Counts:
 
     def _channels_out(self, surface: Surface) -> None:
         """Log the channels that went out, and those that are back, once each."""
-        for name, out, is_back in surface.channels_out.take_changes():
+        for name, out, is_back in surface.channels_out.take_transitions():
             if is_back:
                 words = "surface %s: channel %s is good again; it had been out since %s"
                 _log.info(words, surface.name, name, out.since)
@@ -151,15 +151,15 @@ class Counts:
                 words = "surface %s: channel %s has been %s since %s (over %g s); %s"
                 _log.warning(words, surface.name, name, word, out.since, surface.channels_out.after_s, advice)
 
-    def _rivals(self, surface: Surface, now_s: float) -> None:
+    def _duplicate_senders(self, surface: Surface, now_s: float) -> None:
         """Log that two daemons send samples at `now_s` [s]: at once, then once an hour; and that one does again."""
-        pair = surface.rivals.at(now_s)
+        pair = surface.duplicate_senders.at(now_s)
         if pair is None:
-            if surface.name in self._rivalled:
-                self._rivalled.discard(surface.name)
+            if surface.name in self._duplicated:
+                self._duplicated.discard(surface.name)
                 _log.info("surface %s: one daemon sends its samples again", surface.name)
         elif self._hourly.due(surface.name):
-            self._rivalled.add(surface.name)
+            self._duplicated.add(surface.name)
             words = "surface %s: two daemons send its samples, from %s and from %s; stop one of them"
             _log.warning(words, surface.name, *pair)
 

@@ -182,9 +182,9 @@ def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
         for note in summary.notes:
             notes.add_metric([surface.name, note], 1)
         # Without fresh samples, nothing is known of a surface.
-        overdue.add_metric(label, surface.stretches.is_overdue and not surface.is_stale(now_s))
-        stretches.add_metric(label, surface.stretches.count)
-        seconds.add_metric(label, surface.stretches.total_s)
+        overdue.add_metric(label, surface.unexplained.is_overdue and not surface.is_stale(now_s))
+        stretches.add_metric(label, surface.unexplained.count)
+        seconds.add_metric(label, surface.unexplained.total_s)
     yield from (states, problems, notes, overdue, stretches, seconds)
 
 

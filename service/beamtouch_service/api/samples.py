@@ -40,7 +40,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         surface = context.registry.named(name)
         # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
         begin_s = context.clock()
-        earliest_s = context.ticks.earliest_s(begin_s)
+        earliest_s = context.stalls.earliest_s(begin_s)
         body = decompress(await read_body(request), request.headers.get("content-encoding", ""))
         batch = await read_batch(body, context.stepper)
         async with surface.lock:
@@ -61,7 +61,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         )
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
-    context.counts.look(surface, begin_s)
+    context.counts.log_changes(surface, begin_s)
     durable, expected = await context.recorder.take(surface, batch, received.weighed(surface.model))
     receipt = Receipt(
         accepted=received.accepted,

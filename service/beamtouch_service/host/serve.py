@@ -152,5 +152,5 @@ async def _report_progress(context: Context, *, manager: ServiceManager) -> None
 async def _tick(context: Context) -> None:
     """Tick, so that a pause of the process shows."""
     while True:
-        context.ticks.tick(context.clock())
+        context.stalls.tick(context.clock())
         await asyncio.sleep(freshness.TICK_S)

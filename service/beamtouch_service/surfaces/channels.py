@@ -63,7 +63,7 @@ class SurfaceHealth(NamedTuple):
     channels: dict[str, ChannelHealth]
 
 
-class Change(NamedTuple):
+class ChannelTransition(NamedTuple):
     """A channel that went out, or is back."""
 
     channel: str
@@ -96,7 +96,7 @@ class ChannelsOut:
     def __init__(self, after_s: float) -> None:
         self.after_s = after_s
         self._spells: dict[str, _Spell] = {}
-        self._changes: list[Change] = []
+        self._transitions: list[ChannelTransition] = []
 
     @property
     def now(self) -> dict[str, ChannelOut]:
@@ -122,10 +122,10 @@ class ChannelsOut:
         for name in self._spells.keys() - bad.keys():
             self._mend(name, passed_s)
 
-    def take_changes(self) -> list[Change]:
+    def take_transitions(self) -> list[ChannelTransition]:
         """Return the channels that went out or came back since the last call."""
-        changes, self._changes = self._changes, []
-        return changes
+        transitions, self._transitions = self._transitions, []
+        return transitions
 
     def forget(self) -> None:
         """Start over, as with another model, which may have other channels."""
@@ -139,7 +139,7 @@ class ChannelsOut:
         spell.quality, spell.bad_s = quality, min(self.after_s, spell.bad_s + passed_s)
         if spell.bad_s >= self.after_s and not spell.is_out:
             spell.is_out = True
-            self._changes.append(Change(name, spell.describe(), is_back=False))
+            self._transitions.append(ChannelTransition(name, spell.describe(), is_back=False))
 
     def _mend(self, name: str, passed_s: float) -> None:
         spell = self._spells[name]
@@ -147,4 +147,4 @@ class ChannelsOut:
         if spell.bad_s <= 0.0:
             del self._spells[name]
             if spell.is_out:
-                self._changes.append(Change(name, spell.describe(), is_back=True))
+                self._transitions.append(ChannelTransition(name, spell.describe(), is_back=True))

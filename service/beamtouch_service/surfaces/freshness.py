@@ -1,6 +1,6 @@
 """When a batch that is read now arrived, as far as neither side can see it, and when its samples were taken.
 
-Pure: the caller gives the time in seconds. A batch may wait twice: in a queue of a kernel or of a balancer on its way,
+Pure: the caller gives the time in seconds. A batch may wait twice: in a queue of a kernel or of a balancer on its path,
 and before a service that stands still. A doubt makes its samples older, never younger.
 """
 
@@ -23,7 +23,7 @@ CATCH_UP_S = 0.5
 """After a pause [s], what had waited is still being read."""
 
 
-class Ticks:
+class StallDetector:
     """Notices that the process stood still, or was busy for long: the kernel kept what arrived meanwhile."""
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class Transit:
     """The batches of one surface on their way from each of its senders, for a bounded number of senders."""
 
     def __init__(self) -> None:
-        self._ways: OrderedDict[str, _Way] = OrderedDict()
+        self._paths: OrderedDict[str, _Path] = OrderedDict()
 
     def arrival_s(self, batch: Batch, read_s: float, earliest_s: float) -> float:
         """Return the time at which a batch counts as arrived [s].
@@ -65,23 +65,23 @@ class Transit:
         read_s
             Time at which its head is read [s].
         earliest_s
-            Earliest time at which it may have been there [s]; it counts where the way of the sender is not known yet.
+            Earliest time at which it may have been there [s]; it counts where the path of the sender is not known yet.
         """
         if batch.backlog or batch.sent_us is None:
             return earliest_s
-        way = self._ways.get(batch.boot_id)
-        if way is None:
+        path = self._paths.get(batch.boot_id)
+        if path is None:
             if earliest_s < read_s:
                 # It may have waited, so it cannot be the quickest.
                 return earliest_s
-            way = self._ways[batch.boot_id] = _Way()
-            if len(self._ways) > MAX_SENDERS:
-                self._ways.popitem(last=False)
-        self._ways.move_to_end(batch.boot_id)
-        return read_s - way.waited_s(read_s - batch.sent_us / 1e6, read_s)
+            path = self._paths[batch.boot_id] = _Path()
+            if len(self._paths) > MAX_SENDERS:
+                self._paths.popitem(last=False)
+        self._paths.move_to_end(batch.boot_id)
+        return read_s - path.waited_s(read_s - batch.sent_us / 1e6, read_s)
 
 
-class _Way:
+class _Path:
     """The batches of one sender.
 
     The clocks of sender and service have different origins, so the difference between receipt and sending means
@@ -95,14 +95,14 @@ class _Way:
         self._ends_s = -math.inf
         """End of this window."""
 
-    def waited_s(self, apart_s: float, received_s: float) -> float:
+    def waited_s(self, clock_difference_s: float, received_s: float) -> float:
         """Return how long a batch has waited [s], from the difference between its receipt and its sending [s]."""
         if received_s > self._ends_s:
             # After an outage, the first batch may have been held during all of it. So the quickest before still counts.
             self._former_s = self._least_s + MAX_DRIFT * (received_s - self._ends_s)
             self._least_s, self._ends_s = math.inf, received_s + WINDOW_S
-        self._least_s = min(self._least_s, apart_s)
-        return apart_s - min(self._least_s, self._former_s)
+        self._least_s = min(self._least_s, clock_difference_s)
+        return clock_difference_s - min(self._least_s, self._former_s)
 
 
 class Moment(NamedTuple):

@@ -30,7 +30,7 @@ class SampleCounts(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class AcceptedSamples:
     """The new samples of a batch."""
 
     accepted: int
@@ -60,10 +60,10 @@ class Order:
         """Return whether the last sample of a batch that arrived at `arrival_s` [s, monotonic] moves the answer."""
         return bool(batch.samples) and self._is_after_newest(batch, batch.samples[-1], arrival_s)
 
-    def take(self, batch: Batch, arrival_s: float) -> Taken:
+    def take(self, batch: Batch, arrival_s: float) -> AcceptedSamples:
         """Take a batch that arrived at `arrival_s` [s, monotonic]."""
         if not batch.samples:
-            return Taken(0, 0, [], arrival_s)
+            return AcceptedSamples(0, 0, [], arrival_s)
         runs = self._runs(batch.boot_id)
         new = [sample for sample in batch.samples if runs.add(sample.sequence)]
         repeated = len(batch.samples) - len(new)
@@ -72,7 +72,7 @@ class Order:
         fresh = [sample for sample in new if self._is_after_newest(batch, sample, arrival_s)]
         if fresh:
             self.senders.move(batch.boot_id, fresh[-1].sequence, _acquired_s(batch, arrival_s))
-        return Taken(len(new), repeated, fresh, _acquired_s(batch, arrival_s))
+        return AcceptedSamples(len(new), repeated, fresh, _acquired_s(batch, arrival_s))
 
     def _runs(self, boot_id: str) -> "Runs":
         runs = self._numbers.setdefault(boot_id, Runs())
@@ -181,7 +181,7 @@ class Senders:
         self._newest = _Newest(boot_id, sequence, acquired_s)
 
 
-class Rivals:
+class DuplicateSenders:
     """Notices that two daemons send samples of one surface at the same time.
 
     A restarted daemon has a new boot id, and all samples of the old one are older than its first. So two
@@ -198,7 +198,7 @@ class Rivals:
         self._returned_s = 0.0
         self._pair = ("", "")
 
-    def hear(self, boot_id: str, address: str, acquired_s: float) -> None:
+    def note(self, boot_id: str, address: str, acquired_s: float) -> None:
         """Take a batch of this sender and address whose last sample was taken at `acquired_s` [s, monotonic]."""
         if any(begun_s > acquired_s for begun_s in self._begun_s.values()):
             return

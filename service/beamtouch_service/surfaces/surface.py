@@ -20,8 +20,8 @@ from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.follower import Decision, Follower
 from beamtouch_service.surfaces.freshness import Moment, SampleClock, Transit
 from beamtouch_service.surfaces.listeners import Listeners
-from beamtouch_service.surfaces.order import Order, Rivals, SampleCounts
-from beamtouch_service.surfaces.unexplained import Stretches
+from beamtouch_service.surfaces.order import DuplicateSenders, Order, SampleCounts
+from beamtouch_service.surfaces.unexplained import UnexplainedTracker
 
 _DEFAULTS = SurfaceSection()
 SENDER_GONE_S = 10.0
@@ -119,9 +119,9 @@ class Surface:
         """Tells when a batch arrived."""
         self._order = Order(self.stale_ms)
         self._clock = SampleClock(self.stale_ms / 1e3)
-        self.rivals = Rivals(self.stale_ms)
+        self.duplicate_senders = DuplicateSenders(self.stale_ms)
         """Notices that two daemons send samples."""
-        self.stretches = Stretches(section.unexplained_after_s)
+        self.unexplained = UnexplainedTracker(section.unexplained_after_s)
         """The unexplained stretches in the samples that moved the answer."""
         self.channels_out = ChannelsOut(section.degraded_after_s)
         """The channels that were not good for too long in these samples."""
@@ -190,7 +190,7 @@ class Surface:
         self._require_fit(batch)
         taken = self._order.take(batch, arrival_s)
         if batch.samples and not batch.backlog:
-            self.rivals.hear(batch.boot_id, address, taken.acquired_s)
+            self.duplicate_senders.note(batch.boot_id, address, taken.acquired_s)
         received = Received(taken.accepted, taken.repeated)
         if taken.fresh:
             self.arrivals.tell((batch.newest_age_ms or 0.0) / 1e3)
@@ -208,7 +208,7 @@ class Surface:
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float, received: Received) -> Iterator[None]:
         """Move the contact to new samples, one after another."""
         follower, moments = self._follower, self._clock.tell(fresh, acquired_s)
-        sender_notes = [Note.SENDERS] if self.rivals.at(acquired_s) else []
+        sender_notes = [Note.SENDERS] if self.duplicate_senders.at(acquired_s) else []
         notes: list[str] = list(batch.notes)
         decided = None
         if follower is None:
@@ -232,7 +232,7 @@ class Surface:
 
     def _note_decision(self, decision: Decision, moment: Moment) -> None:
         self.channels_out.add(decision.estimate.sample.acquired_unix_us, decision.estimate.bad, moment.passed_s)
-        self.stretches.add(decision, moment.passed_s)
+        self.unexplained.add(decision, moment.passed_s)
         for zone in decision.zones.entered:
             self.zone_entries[zone] += 1
 
@@ -306,8 +306,8 @@ class Surface:
             return problems.channels_out(self.name, self.channels_out.now)
         if healthy and Note.ZEROS in answer.notes:
             return problems.zeros_moved(self.name)
-        if healthy and self.stretches.is_overdue:
-            return problems.unexplained(self.name, self.stretches.after_s, answer.decision.suspect)
+        if healthy and self.unexplained.is_overdue:
+            return problems.unexplained(self.name, self.unexplained.after_s, answer.decision.suspect)
         changed = [name for name, one in (self.channel_health or {}).items() if one.changed] if healthy else []
         return problems.changed_channels(self.name, changed) if changed else None
 

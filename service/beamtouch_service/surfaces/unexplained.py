@@ -17,7 +17,7 @@ class Overdue(NamedTuple):
     """By how much all zeros have moved together, if that explains it."""
 
 
-class Stretches:
+class UnexplainedTracker:
     """Follows the samples that move the answer."""
 
     def __init__(self, after_s: float) -> None:

@@ -86,7 +86,9 @@ class ZoneFollower:
     ) -> None:
         """Begin with samples of a beam of this length, which hold a contact for `hold_us`, or go on from a memory.
 
-        A zone whose definition has changed starts over. Raises KeyError, TypeError or ValueError if `memory` is something else.
+        A zone whose definition has changed starts over.
+
+        Raises KeyError, TypeError or ValueError if `memory` is something else.
         """
         self.defined = dict(zones)
         self._length_mm, self._hold_us = length_mm, hold_us

@@ -36,7 +36,7 @@ class Case(NamedTuple):
 
 
 PARTS = [
-    Case("clock", "beamtouch_service.surfaces.freshness", "Ticks", "tick"),
+    Case("clock", "beamtouch_service.surfaces.freshness", "StallDetector", "tick"),
     Case("progress", "beamtouch_common.systemd", "ServiceManager", "alive"),
     Case("record", "beamtouch_service.events.recorder", "Recorder", "_begin_upkeep"),
     Case("models", "beamtouch_service.host.models", "", "watch", is_early=True),
