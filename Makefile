@@ -37,7 +37,7 @@ versions:  ## promises on the other Pythons of this machine (3.12 to 3.14), in s
 faults: $(INSTALLED)  ## see that tests catch each fault of tests/faults/faults.toml, in about 20 minutes on two cores; NAMES="delivery ..."
 	$(BIN)/python tests/faults $(NAMES)
 
-mutants: $(INSTALLED)  ## mutate the packages at 400 random places and see which mutants the tests catch, in about an hour; SEED=1, NAMES="events ..."
+mutants: $(INSTALLED)  ## mutate the packages at 400 random places and see which mutants the tests catch, in about an hour; SEED=1, NAMES="record ..."
 	$(BIN)/python tests/mutants --seed $(or $(SEED),0) $(NAMES)
 
 coverage: $(INSTALLED)  ## the same tests, then the lines of the packages that no process of the tests ran

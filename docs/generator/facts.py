@@ -12,8 +12,8 @@ from beamtouch_common.parts import Parts
 from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.health import Figures
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind
+from beamtouch_service.record.recorder import Recorder
 from schemas import table
 
 _MOST_LABELS = 4
@@ -23,7 +23,7 @@ _MOST_LABELS = 4
 def openapi() -> dict[str, Any]:
     """Return the OpenAPI description of the service."""
     recorder = Recorder()
-    with closing(recorder.store):
+    with closing(recorder.transactions):
         return create_app([], recorder=recorder).openapi()
 
 
@@ -36,7 +36,7 @@ def problems() -> str:
 def metrics() -> str:
     """Return a table of the metrics of the service, and one of those of the daemon."""
     recorder = Recorder()
-    with closing(recorder.store):
+    with closing(recorder.transactions):
         context = create_app([], recorder=recorder).context
         for metric in vars(context.counts).values():
             if isinstance(metric, MetricWrapperBase):

@@ -11,8 +11,8 @@ import pytest
 
 from beamtouch_daemon.delivery import log_store
 from beamtouch_daemon.delivery.log_file import ForeignFileError, LogFile, LogFileError
-from beamtouch_service.events.record import LATE_S
-from beamtouch_service.events.recorder import COMMIT_S
+from beamtouch_service.record.events.surface_record import LATE_S
+from beamtouch_service.record.recorder import COMMIT_S
 from beamtouch_service.samples import Batch, Note, Sample
 
 from .publishing import ROOM, Bench, boot, hang, keep, put_chunks, stored, taken, taken_of

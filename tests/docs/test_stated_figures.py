@@ -39,15 +39,15 @@ from beamtouch_service.api.errors import MAX_ERRORS
 from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
 from beamtouch_service.commissioning import course, pressing, verdict
 from beamtouch_service.commissioning.results import MAX_KEPT
-from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING
-from beamtouch_service.events.database import READERS
-from beamtouch_service.events.load import MAX_STAYS
-from beamtouch_service.events.readers import MAX_ANSWERS
-from beamtouch_service.events.write_ahead import MAX_BYTES, WARN_BYTES
 from beamtouch_service.host.serve import IDLE_S
 from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
 from beamtouch_service.outputs.opcua.subscriptions import MOST_WAITING
 from beamtouch_service.problems import Kind
+from beamtouch_service.record.database.connections import READERS
+from beamtouch_service.record.database.write_ahead import MAX_BYTES, WARN_BYTES
+from beamtouch_service.record.events.boot_record import MAX_CAPTURED, MAX_WAITING
+from beamtouch_service.record.events.load import MAX_STAYS
+from beamtouch_service.record.reading.readers import MAX_ANSWERS
 from beamtouch_service.samples import MAX_SAMPLES, Note
 from beamtouch_service.sections import ServerSection, SurfaceSection
 from beamtouch_service.surfaces.follower import PAUSE

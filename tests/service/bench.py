@@ -17,7 +17,7 @@ from fastapi.testclient import TestClient
 from beamtouch_models.runtime import ModelFile
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
-from beamtouch_service.events import recorder
+from beamtouch_service.record import recorder
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
@@ -26,7 +26,7 @@ from support.surfaces.small_model import ModelOptions, model_of
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
 PATIENT_S = 60.0
-PATIENT = f"from beamtouch_service.events import recorder; recorder.LOAD_S = {PATIENT_S}"
+PATIENT = f"from beamtouch_service.record import recorder; recorder.LOAD_S = {PATIENT_S}"
 """For services in tests: on a starved machine, a batch would come back before what is on record of its boot is read."""
 recorder.LOAD_S = PATIENT_S
 START_US = 1_795_218_046_123_456

@@ -1,6 +1,6 @@
 """Days in the life of a record, at which its service looks after the limits."""
 
-from beamtouch_service.events.retention import Deleted
+from beamtouch_service.record.writing.retention import Deleted
 from service.bench import Bench
 
 DAY_S = 86_400.0

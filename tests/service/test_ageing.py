@@ -2,7 +2,7 @@
 
 import pytest
 
-from beamtouch_service.events.ageing import RecordTime, Watch
+from beamtouch_service.record.writing.ageing import RecordTime, Watch
 
 KEEP_S, NOW_S, UP_S = 864_000.0, 1.8e9, 500.0
 """Ten days; and clocks at the first look."""

@@ -5,11 +5,11 @@ from math import inf, nan
 import pytest
 
 from beamtouch_models.runtime import ModelFile
-from beamtouch_service.events.boot import MAX_CAPTURED, MAX_WAITING, Boot, _short
-from beamtouch_service.events.event import End, OpenEvent
-from beamtouch_service.events.health import HealthHistory, StoredHealth
-from beamtouch_service.events.record import LATE_S, SurfaceRecord
-from beamtouch_service.events.store import Change, Cursor
+from beamtouch_service.record.events.boot_record import MAX_CAPTURED, MAX_WAITING, BootRecord, _short
+from beamtouch_service.record.events.changes import Change, Cursor
+from beamtouch_service.record.events.event import End, OpenEvent
+from beamtouch_service.record.events.health import HealthHistory, StoredHealth
+from beamtouch_service.record.events.surface_record import LATE_S, SurfaceRecord
 from beamtouch_service.samples import MAX_EARLIER, Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.estimate import Estimator
@@ -20,11 +20,11 @@ from support.surfaces.small_model import model_of
 CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]
 
 
-def begun(durable: int = 0, model: ModelFile | None = None) -> Boot:
-    return Boot("press-7", SurfaceSection(), "boot-0001", model or model_of(), durable)
+def begun(durable: int = 0, model: ModelFile | None = None) -> BootRecord:
+    return BootRecord("press-7", SurfaceSection(), "boot-0001", model or model_of(), durable)
 
 
-def add(boot: Boot, *rows: Row) -> Boot:
+def add(boot: BootRecord, *rows: Row) -> BootRecord:
     """Add samples, each the one that is expected."""
     batch = parsed(*rows, sequence=boot.expected, begin_us=1_000_000 + 5000 * boot.expected)
     for estimate in Estimator(boot.model, "press-7").estimate(batch, batch.samples):
@@ -32,7 +32,7 @@ def add(boot: Boot, *rows: Row) -> Boot:
     return boot
 
 
-def commit(boot: Boot) -> dict[OpenEvent, int]:
+def commit(boot: BootRecord) -> dict[OpenEvent, int]:
     """Make a boot durable; return the numbers of its new events, from 11 on."""
     change = boot.change()
     numbers = {event: 11 + place for place, (event, number, _) in enumerate(change.events) if number is None}
@@ -118,7 +118,7 @@ def test_samples_before_the_oldest_one_are_lost_and_end_the_event(number: int, l
     assert (boot.expected, boot.event is None) == (max(4, number), bool(lost))
 
 
-def cursor_of(boot: Boot, model: str = "") -> Cursor:
+def cursor_of(boot: BootRecord, model: str = "") -> Cursor:
     """Return what is on record of a boot after a commit."""
     change = boot.change()
     event = None if boot.event is None else (7, boot.event.event)
@@ -235,7 +235,7 @@ class Held:
             self.record.note_durable(change, numbers)
         return change
 
-    def boot(self, boot_id: str = "boot-0001") -> Boot:
+    def boot(self, boot_id: str = "boot-0001") -> BootRecord:
         found = self.record.boot(boot_id)
         assert found is not None
         return found

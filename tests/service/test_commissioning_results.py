@@ -9,9 +9,9 @@ from beamtouch_models.runtime import State
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import advise_places, judge_place
-from beamtouch_service.events.readers import Reader
-from beamtouch_service.events.retention import Retention
-from beamtouch_service.events.store import Store
+from beamtouch_service.record.reading.readers import Reader
+from beamtouch_service.record.writing.retention import Retention
+from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 
 
@@ -54,13 +54,13 @@ def test_the_words_for_errors_of_position(stated: tuple[float | None, ...], is_w
 
 
 @pytest.fixture(params=["memory", "file", "PostgreSQL"])
-def open_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], Store]:
+def open_transactions(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], Transactions]:
     events = EventsSection()
     if request.param == "file":
         events = EventsSection(file=tmp_path / "events.db")
     elif request.param == "PostgreSQL":
         events = EventsSection(url=request.getfixturevalue("events_url"))
-    return lambda: Store(events)
+    return lambda: Transactions(events)
 
 
 @pytest.mark.promise(
@@ -68,23 +68,23 @@ def open_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], S
     "The service keeps the last 20 results of each surface, whatever their age",
 )
 def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
-    open_store: Callable[[], Store],
+    open_transactions: Callable[[], Transactions],
 ) -> None:
-    store = open_store()
+    transactions = open_transactions()
     at_rest = {"beam": "b", "begun_at": "x", "sensors": [SensorResult(name="s1", at_mm=1.5)], "places": []}
     reports = [
         Report.model_validate({"surface": name, "model": f"m@{number}", **at_rest})
         for name in ("left", "right")
         for number in range(results.MAX_KEPT + 2)
     ]
-    numbers = [results.add(store, f"course-{index}", report) for index, report in enumerate(reports)]
-    assert results.add(store, f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
-    Retention(EventsSection()).tidy(store.database, 1e12, 1e12)
-    if store.is_lasting:
-        store.close()
-        store = open_store()
+    numbers = [results.add(transactions, f"course-{index}", report) for index, report in enumerate(reports)]
+    assert results.add(transactions, f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
+    Retention(EventsSection()).tidy(transactions.database, 1e12, 1e12)
+    if transactions.is_lasting:
+        transactions.close()
+        transactions = open_transactions()
     for name in ("left", "right"):
-        kept = results.read(Reader(store.database), name)
+        kept = results.read(Reader(transactions.database), name)
         assert [one.model for one in kept] == [f"m@{number}" for number in range(results.MAX_KEPT + 1, 1, -1)]
         assert {(one.surface, one.sensors[0].at_mm) for one in kept} == {(name, 1.5)}
-    store.close()
+    transactions.close()

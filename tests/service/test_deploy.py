@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from beamtouch_service.config import load_settings
-from beamtouch_service.events.forecast import describe
-from beamtouch_service.events.store import Store
+from beamtouch_service.record.forecast import describe
+from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 from service.postgres import PASSWORD, Postgres
 from support.running.debian_parts import require
@@ -31,9 +31,9 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     file.chmod(0o440)
     monkeypatch.setenv("PGSERVICEFILE", str(file))
     here = url.replace("127.0.0.1/beamtouch", f"127.0.0.1:{postgres.port}/{events_url.rpartition('/')[2]}")
-    store = Store(EventsSection(url=here))
-    assert store.healths() == {}
-    store.close()
+    transactions = Transactions(EventsSection(url=here))
+    assert transactions.healths() == {}
+    transactions.close()
 
 
 def test_the_record_of_several_services_keeps_a_contact_each_2_s_for_its_days() -> None:

@@ -1,6 +1,6 @@
 """The mean of samples of which some share readings: each reading counts once."""
 
-from beamtouch_service.events.best import Best, DisjointMean, Mean
+from beamtouch_service.record.events.best import Best, DisjointMean, Mean
 
 READING_US = 1000.0
 

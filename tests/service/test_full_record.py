@@ -38,7 +38,7 @@ def numbers(bench: Bench) -> list[int]:
 
 
 def used_bytes(bench: Bench) -> int:
-    database = bench.app.context.recorder.store.database
+    database = bench.app.context.recorder.transactions.database
     with database.reading() as connection:
         return database.used_bytes(connection)
 

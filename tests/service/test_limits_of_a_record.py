@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from sqlalchemy import func, insert, select
 
-from beamtouch_service.events.event import Begin, End, Event, EventKind
-from beamtouch_service.events.retention import Deleted, Retention
-from beamtouch_service.events.store import Store
-from beamtouch_service.events.tables import CURSORS, EVENTS
+from beamtouch_service.record.database.tables import CURSORS, EVENTS
+from beamtouch_service.record.events.event import Begin, End, Event, EventKind
+from beamtouch_service.record.writing.retention import Deleted, Retention
+from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 
 DAY_S, NOW_S = 86_400.0, 1.8e9
@@ -19,8 +19,8 @@ DAY_S, NOW_S = 86_400.0, 1.8e9
 class Limited:
     """A record in memory whose time is the monotonic clock, as its service has looked from 0 on."""
 
-    def __init__(self, store: Store, keep_days: float = 1.0, max_mb: float | None = None) -> None:
-        self.database = store.database
+    def __init__(self, transactions: Transactions, keep_days: float = 1.0, max_mb: float | None = None) -> None:
+        self.database = transactions.database
         self.retention = Retention(EventsSection(keep_days=keep_days, max_mb=max_mb))
         self.look(0.0)
 
@@ -53,13 +53,13 @@ class Limited:
 
 
 @pytest.fixture
-def store() -> Iterator[Store]:
-    with closing(Store(EventsSection())) as opened:
+def transactions() -> Iterator[Transactions]:
+    with closing(Transactions(EventsSection())) as opened:
         yield opened
 
 
-def test_an_event_goes_once_it_is_older_than_the_limit(store: Store) -> None:
-    limited = Limited(store)
+def test_an_event_goes_once_it_is_older_than_the_limit(transactions: Transactions) -> None:
+    limited = Limited(transactions)
     limited.put(1)
     limited.put(1, recorded_s=5.0)
     found = [limited.look(DAY_S + later_s)[:2] for later_s in (0.0, 0.5, 5.0, 5.5, 6.0)]
@@ -69,10 +69,10 @@ def test_an_event_goes_once_it_is_older_than_the_limit(store: Store) -> None:
 
 @pytest.mark.parametrize(("count", "parts"), [(250, [100, 100, 50, 0]), (2100, [105, 100, 100])])
 def test_at_a_look_a_twentieth_of_the_events_goes_and_at_least_a_hundred(
-    store: Store, caplog: pytest.LogCaptureFixture, count: int, parts: list[int]
+    transactions: Transactions, caplog: pytest.LogCaptureFixture, count: int, parts: list[int]
 ) -> None:
     caplog.set_level("INFO", "beamtouch_service")
-    limited = Limited(store)
+    limited = Limited(transactions)
     limited.put(count)
     assert [limited.look(DAY_S + 1 + number).old for number in range(len(parts))] == parts
     assert limited.count == count - sum(parts)
@@ -81,9 +81,11 @@ def test_at_a_look_a_twentieth_of_the_events_goes_and_at_least_a_hundred(
     assert record.getMessage() == f"{parts[0]} events were deleted, as they were older than 1 days"
 
 
-def test_that_all_old_events_are_gone_is_no_warning(store: Store, caplog: pytest.LogCaptureFixture) -> None:
+def test_that_all_old_events_are_gone_is_no_warning(
+    transactions: Transactions, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level("INFO", "beamtouch_service")
-    limited = Limited(store, keep_days=1.5)
+    limited = Limited(transactions, keep_days=1.5)
     limited.put(3)
     assert limited.look(1.5 * DAY_S + 1) == Deleted(3, are_more_old=False, oversize=0)
     (record,) = caplog.records
@@ -95,10 +97,10 @@ def test_that_all_old_events_are_gone_is_no_warning(store: Store, caplog: pytest
 
 @pytest.mark.parametrize("count", [10, 60])
 def test_above_its_size_a_twentieth_goes_at_a_time_and_at_least_one(
-    store: Store, caplog: pytest.LogCaptureFixture, count: int
+    transactions: Transactions, caplog: pytest.LogCaptureFixture, count: int
 ) -> None:
     """Until it is kept; an event takes 1 MB or so."""
-    limited = Limited(store, max_mb=count - 1)
+    limited = Limited(transactions, max_mb=count - 1)
     limited.put(count, path_bytes=1_000_000)
     deleted = limited.look(1.0)
     assert (deleted.old, deleted.are_more_old) == (0, False)
@@ -109,8 +111,8 @@ def test_above_its_size_a_twentieth_goes_at_a_time_and_at_least_one(
     assert caplog.messages == [f"{deleted.oversize} {words}"]
 
 
-def test_an_open_event_is_kept_however_large_the_record_is(store: Store) -> None:
-    limited = Limited(store, max_mb=1)
+def test_an_open_event_is_kept_however_large_the_record_is(transactions: Transactions) -> None:
+    limited = Limited(transactions, max_mb=1)
     limited.put(2, path_bytes=1_000_000, end=End.OPEN)
     limited.put(1)
     assert [limited.look(at_s).oversize for at_s in (1.0, 2.0)] == [1, 0]
@@ -119,10 +121,10 @@ def test_an_open_event_is_kept_however_large_the_record_is(store: Store) -> None
 
 @pytest.mark.parametrize(("keep_days", "after_s"), [(30.0, DAY_S), (0.5, DAY_S / 2)])
 def test_the_cursor_of_a_boot_without_events_goes_after_a_day_unless_it_is_held(
-    store: Store, keep_days: float, after_s: float
+    transactions: Transactions, keep_days: float, after_s: float
 ) -> None:
     """Or sooner, if events do."""
-    limited = Limited(store, keep_days=keep_days)
+    limited = Limited(transactions, keep_days=keep_days)
     for boot_id in ("boot-0001", "boot-0002", "boot-held"):
         limited.put_cursor(boot_id)
     for surface in ("press-6", "press-8"):

@@ -8,7 +8,7 @@ import pytest
 
 from beamtouch_common.zones import Span
 from beamtouch_models.runtime import Evidence, State, Weighed
-from beamtouch_service.events.load import Load, Sighting, sighting_of
+from beamtouch_service.record.events.load import Load, Sighting, sighting_of
 from beamtouch_service.samples import Sample
 from beamtouch_service.surfaces.contact import Figures
 from beamtouch_service.surfaces.estimate import Estimate

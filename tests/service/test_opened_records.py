@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_service.events.database import EventsAwayError, EventStoreError
-from beamtouch_service.events.store import Store
+from beamtouch_service.record.database.connections import RecordAwayError, RecordUnusableError
+from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 from service.record_file import execute
 
@@ -15,24 +15,24 @@ TABLES = Path(__file__).with_name("record_tables.sql")
 REMEDY = "set events.file to one that the service can write"
 
 
-def opened(path: Path) -> Store:
-    return Store(EventsSection(file=path))
+def opened(path: Path) -> Transactions:
+    return Transactions(EventsSection(file=path))
 
 
 def test_a_record_in_a_file_lasts_and_one_in_memory_does_not(tmp_path: Path) -> None:
-    for store, is_lasting in ((opened(tmp_path / "events.db"), True), (Store(EventsSection()), False)):
-        with closing(store):
-            assert (store.is_lasting, store.away_because) == (is_lasting, "")
+    for transactions, is_lasting in ((opened(tmp_path / "events.db"), True), (Transactions(EventsSection()), False)):
+        with closing(transactions):
+            assert (transactions.is_lasting, transactions.away_because) == (is_lasting, "")
 
 
 def test_a_file_that_cannot_be_opened_now_is_away_with_the_remedy_and_opened_once_it_can_be(tmp_path: Path) -> None:
     path = tmp_path / "later" / "events.db"
-    with closing(opened(path)) as store:
-        assert store.away_because == f"events file {path}: unable to open database file; {REMEDY}"
-        with pytest.raises(EventsAwayError):
-            store.healths()
+    with closing(opened(path)) as transactions:
+        assert transactions.away_because == f"events file {path}: unable to open database file; {REMEDY}"
+        with pytest.raises(RecordAwayError):
+            transactions.healths()
         path.parent.mkdir()
-        assert store.healths() == {}
+        assert transactions.healths() == {}
 
 
 def test_a_file_that_is_no_record_is_refused_with_the_remedy(tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_a_file_that_is_no_record_is_refused_with_the_remedy(tmp_path: Path) -> 
         (no_database, "file is not a database"),
         (other, "it is the database of another program"),
     ):
-        with pytest.raises(EventStoreError) as caught:
+        with pytest.raises(RecordUnusableError) as caught:
             opened(path)
         assert str(caught.value) == f"events file {path}: {reason}; {REMEDY}"
 
@@ -54,7 +54,7 @@ def test_a_record_of_another_version_is_refused_with_its_format(tmp_path: Path, 
     opened(path).close()
     opened(path).close()
     execute(path, "UPDATE beamtouch_format SET format = ?", number)
-    with pytest.raises(EventStoreError) as caught:
+    with pytest.raises(RecordUnusableError) as caught:
         opened(path)
     reason = f"another version of the service wrote it (format {number}); move it away"
     assert str(caught.value) == f"events file {path}: {reason}; {REMEDY}"
@@ -74,11 +74,11 @@ def test_a_format_has_these_tables(tmp_path: Path) -> None:
 
 def test_of_a_record_that_was_open_the_reason_is_said_without_a_remedy(tmp_path: Path) -> None:
     path = tmp_path / "events.db"
-    with closing(opened(path)) as store:
+    with closing(opened(path)) as transactions:
         execute(path, "DROP TABLE health")
-        with pytest.raises(EventsAwayError, match=r"^no such table: health$") as caught:
-            store.healths()
-        assert not isinstance(caught.value, EventStoreError)
+        with pytest.raises(RecordAwayError, match=r"^no such table: health$") as caught:
+            transactions.healths()
+        assert not isinstance(caught.value, RecordUnusableError)
         # It is prepared anew, and is no whole record.
-        with pytest.raises(EventsAwayError, match=r"no such table: health"):
-            store.healths()
+        with pytest.raises(RecordAwayError, match=r"no such table: health"):
+            transactions.healths()

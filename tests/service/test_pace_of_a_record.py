@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_service.events.forecast import Pace, kept_days, pace_of
+from beamtouch_service.record.forecast import Pace, kept_days, pace_of
 from beamtouch_service.sections import EventsSection
 
 HOUR_US = 3_600_000_000

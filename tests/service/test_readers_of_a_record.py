@@ -9,27 +9,27 @@ from types import SimpleNamespace
 import pytest
 from sqlalchemy import literal, select, union_all
 
-from beamtouch_service.events import readers
-from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.readers import Reader, Readers, TooManyReadersError
-from beamtouch_service.events.store import Store
+from beamtouch_service.record.database.connections import RecordAwayError
+from beamtouch_service.record.reading import readers
+from beamtouch_service.record.reading.readers import Reader, Readers, TooManyReadersError
+from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 
 pytestmark = pytest.mark.anyio
 
 
 @pytest.fixture
-def store() -> Iterator[Store]:
-    with closing(Store(EventsSection())) as opened:
+def transactions() -> Iterator[Transactions]:
+    with closing(Transactions(EventsSection())) as opened:
         yield opened
 
 
 async def test_32_answers_may_be_under_way_and_the_next_waits_for_a_while(
-    store: Store, monkeypatch: pytest.MonkeyPatch
+    transactions: Transactions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert (readers.MAX_ANSWERS, readers.SLOT_S, readers.QUERY_S) == (32, 1.0, 15.0)
     monkeypatch.setattr(readers, "SLOT_S", 0.05)
-    all_readers = Readers(store.database)
+    all_readers = Readers(transactions.database)
     async with AsyncExitStack() as slots:
         for _ in range(32):
             await slots.enter_async_context(all_readers.slot())
@@ -44,12 +44,12 @@ async def test_32_answers_may_be_under_way_and_the_next_waits_for_a_while(
 
 
 async def test_an_answer_of_the_database_is_awaited_for_a_time_only(
-    store: Store, monkeypatch: pytest.MonkeyPatch
+    transactions: Transactions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(readers, "QUERY_S", 0.05)
-    all_readers, go_on = Readers(store.database), threading.Event()
+    all_readers, go_on = Readers(transactions.database), threading.Event()
     assert await all_readers.read(lambda reader: len(reader.rows(select(literal(1))))) == 1
-    with pytest.raises(EventsAwayError, match=r"^it has not answered for 0\.05 s$"):
+    with pytest.raises(RecordAwayError, match=r"^it has not answered for 0\.05 s$"):
         await all_readers.read(lambda _: go_on.wait(30))
     go_on.set()
     await asyncio.sleep(0)
@@ -70,10 +70,10 @@ class Worked:
 
 
 def test_a_reader_that_worked_for_a_fifth_of_a_millisecond_rests_for_ten_times_as_long(
-    store: Store, monkeypatch: pytest.MonkeyPatch
+    transactions: Transactions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     worked = Worked(monkeypatch)
-    reader = Reader(store.database)
+    reader = Reader(transactions.database)
     for now_s in (0.199e-3, 0.2e-3, 0.399e-3, 0.5e-3):
         worked.now_s = now_s
         reader.rest()
@@ -82,10 +82,10 @@ def test_a_reader_that_worked_for_a_fifth_of_a_millisecond_rests_for_ten_times_a
 
 @pytest.mark.parametrize(("count", "rests"), [(8, 1), (9, 2), (16, 2), (17, 3)])
 def test_a_reader_rests_after_each_eight_rows(
-    store: Store, monkeypatch: pytest.MonkeyPatch, count: int, rests: int
+    transactions: Transactions, monkeypatch: pytest.MonkeyPatch, count: int, rests: int
 ) -> None:
     worked = Worked(monkeypatch, step_s=1.0)
     numbers = union_all(*[select(literal(number)) for number in range(count)]).subquery()
-    rows = Reader(store.database).rows(select(numbers))
+    rows = Reader(transactions.database).rows(select(numbers))
     assert [row[0] for row in rows] == list(range(count))
     assert len(worked.rests_s) == rests

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_service.events import record
+from beamtouch_service.record.events import surface_record
 from service.bench import Bench, batch_of, surface_with
 from service.event_story import TOUCHING, Story
 from service.recording import CONTACT, Services, ends, rounded
@@ -45,7 +45,7 @@ def test_who_reads_the_record_gets_what_is_durable_and_makes_nothing_durable(ser
 def test_what_somebody_waits_for_is_durable_within_a_second_and_the_rest_a_little_later(
     services: Services, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(record, "LATE_S", 1e9)
+    monkeypatch.setattr(surface_record, "LATE_S", 1e9)
     story = services.story([*CONTACT, *CONTACT])
     story.deliver(0, 1)
     story.bench.pass_second()  # of a boot that the record has yet to know

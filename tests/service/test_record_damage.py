@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_service.events import boot
+from beamtouch_service.record.events import boot_record
 from service.record_file import execute
 from service.recording import CONTACT, Services, ends, rounded
 
@@ -15,7 +15,7 @@ def test_of_a_boot_that_nothing_makes_durable_only_so_many_samples_wait(
 ) -> None:
     path, rows = tmp_path / "events.db", CONTACT * 6
     expected = rounded(services.straight(rows))
-    monkeypatch.setattr(boot, "MAX_WAITING", 20)
+    monkeypatch.setattr(boot_record, "MAX_WAITING", 20)
     story = services.story(rows, path)
     execute(path, "CREATE TRIGGER full BEFORE INSERT ON cursors BEGIN SELECT RAISE(ABORT, 'disk full'); END")
     story.deliver(0, 15)

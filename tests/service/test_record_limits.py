@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_service.events.store import Store
+from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING, Story
@@ -184,7 +184,7 @@ def test_boots_without_events_take_no_room_from_events_for_longer_than_a_day(tmp
     deliver(bench, 1, "restless-at-last")
     # Copies of the first: sending samples would take ten times as long.
     execute(tmp_path / "events.db", AS_THE_FIRST)
-    database = bench.app.context.recorder.store.database
+    database = bench.app.context.recorder.transactions.database
     with database.reading() as connection:
         assert database.used_bytes(connection) > 1e6
     days.run(bench, 1.1)
@@ -204,7 +204,7 @@ def test_an_event_that_is_deleted_waits_for_no_destination(
 
     def waiting() -> int:
         assert bench.event_loop is not None
-        due = partial(Store.due, destination="line-3", limit=0, from_start=False)
+        due = partial(Transactions.due, destination="line-3", limit=0, from_start=False)
         return bench.event_loop.call(bench.app.context.recorder.write, due)[1]
 
     days = Days()

@@ -10,11 +10,12 @@ from types import SimpleNamespace
 import pytest
 from sqlalchemy import literal, select
 
-from beamtouch_service.events import boot, recorder
-from beamtouch_service.events.database import Database, EventsAwayError, UnreadableRowError
-from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.retention import Deleted
-from beamtouch_service.events.store import Due, Store
+from beamtouch_service.record import recorder
+from beamtouch_service.record.database.connections import Database, RecordAwayError, UnreadableRowError
+from beamtouch_service.record.events import boot_record
+from beamtouch_service.record.recorder import Recorder
+from beamtouch_service.record.writing.retention import Deleted
+from beamtouch_service.record.writing.transactions import Due, Transactions
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
 from beamtouch_service.surfaces.channels import SurfaceHealth
@@ -86,7 +87,7 @@ async def test_samples_are_taken_from_the_expected_one_on() -> None:
 
 
 async def test_samples_for_which_there_is_no_room_are_left_to_the_sender(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(boot, "MAX_WAITING", 4)
+    monkeypatch.setattr(boot_record, "MAX_WAITING", 4)
     surface = surface_of()
     async with recording() as one:
         assert await take(one, surface, *REST, *REST) == (0, 5)
@@ -109,7 +110,7 @@ async def test_what_changes_between_two_samples_ends_the_taking(monkeypatch: pyt
         elif change == "race":
             del one._records["press-7"]
         else:
-            monkeypatch.setattr(boot, "MAX_WAITING", 1)
+            monkeypatch.setattr(boot_record, "MAX_WAITING", 1)
         assert list(steps) == []
         assert held.expected == 3
 
@@ -135,18 +136,18 @@ async def test_what_is_forgotten_while_a_batch_is_taken_is_not_known_to_its_rece
 
 
 def breaking(monkeypatch: pytest.MonkeyPatch, one: Recorder, call: str, error: Exception) -> Callable[[], None]:
-    """Let a call of the store raise an error; return what ends that."""
+    """Let a transaction raise an error; return what ends that."""
 
     def fail(*_: object) -> None:
         raise error
 
-    works = getattr(one.store, call)
-    monkeypatch.setattr(one.store, call, fail)
-    return lambda: monkeypatch.setattr(one.store, call, works)
+    works = getattr(one.transactions, call)
+    monkeypatch.setattr(one.transactions, call, fail)
+    return lambda: monkeypatch.setattr(one.transactions, call, works)
 
 
 ERRORS = [
-    (EventsAwayError("no route"), "no route"),
+    (RecordAwayError("no route"), "no route"),
     (UnreadableRowError("a row is damaged"), "a row is damaged"),
     (RuntimeError("bug"), "unexpected error (RuntimeError('bug'))"),
 ]
@@ -185,7 +186,7 @@ async def test_a_commit_that_fails_makes_the_record_away_until_one_succeeds(
         mend()
         await asyncio.wait([one.commit()])  # what failed is due at once
         assert (one.away_because, one.outages, one.waiting) == ("", 1, {"press-7": 0})
-        found, _ = await one.write(lambda store: store.due("line-3", 9, from_start=True))
+        found, _ = await one.write(lambda transactions: transactions.due("line-3", 9, from_start=True))
         assert [event.event.end for event in found] == ["lift"]
 
 
@@ -193,7 +194,7 @@ async def test_a_health_that_cannot_be_read_is_read_later(monkeypatch: pytest.Mo
     surface = surface_of()
     async with recording() as one:
         one.watch(surface)
-        mend = breaking(monkeypatch, one, "healths", EventsAwayError("no route"))
+        mend = breaking(monkeypatch, one, "healths", RecordAwayError("no route"))
         await commit(one)
         assert (one.away_because, surface.health) == ("no route", None)
         mend()
@@ -211,7 +212,7 @@ async def test_samples_that_moved_the_answer_are_not_weighed_again_if_all_of_the
         async with recording() as one:
             await one.take(surface, batch_of(*REST), known)
             await commit(one)
-            events = await one.write(lambda store: store.due("line-3", 9, from_start=True)[0])
+            events = await one.write(lambda transactions: transactions.due("line-3", 9, from_start=True)[0])
             assert events == []  # an open event is none
             held = one._records["press-7"].boot("boot-0001")
             assert held is not None
@@ -256,8 +257,8 @@ async def test_a_commit_that_runs_is_the_one_that_is_returned() -> None:
         assert one.commit() is not first
 
 
-def finished(store: Store) -> list[Due]:
-    return store.due("line-3", 9, from_start=False)[0]
+def finished(transactions: Transactions) -> list[Due]:
+    return transactions.due("line-3", 9, from_start=False)[0]
 
 
 async def test_who_waits_for_events_is_told_by_the_commit_that_ends_one() -> None:
@@ -265,9 +266,9 @@ async def test_who_waits_for_events_is_told_by_the_commit_that_ends_one() -> Non
     async with recording() as one:
         calls = list[int]()
 
-        def asked(store: Store) -> list[Due]:
+        def asked(transactions: Transactions) -> list[Due]:
             calls.append(1)
-            return finished(store)
+            return finished(transactions)
 
         waiting = asyncio.ensure_future(one.wait_for_finished(asked))
         await take(one, surface, RESTING, TOUCHING)
@@ -372,7 +373,7 @@ async def test_a_call_of_the_record_is_given_up_after_15_s(monkeypatch: pytest.M
     monkeypatch.setattr(recorder, "AWAY_S", 0.05)
     go_on = threading.Event()
     async with recording() as one:
-        with pytest.raises(EventsAwayError, match=r"^it has not answered for 0\.05 s$"):
+        with pytest.raises(RecordAwayError, match=r"^it has not answered for 0\.05 s$"):
             await one.write(lambda _: go_on.wait(PATIENT_S))
         go_on.set()
 

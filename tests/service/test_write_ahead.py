@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from sqlalchemy import Connection, create_engine
 
-from beamtouch_service.events import write_ahead
-from beamtouch_service.events.write_ahead import WriteAheadLog
+from beamtouch_service.record.database import write_ahead
+from beamtouch_service.record.database.write_ahead import WriteAheadLog
 
 HOLD = """
 import sqlite3, sys

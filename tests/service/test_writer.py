@@ -5,22 +5,22 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_service.events.store import Store
-from beamtouch_service.events.writer import Writer
+from beamtouch_service.record.writing.transactions import Transactions
+from beamtouch_service.record.writing.writer import Writer
 from beamtouch_service.sections import EventsSection
 
 
 @pytest.fixture
 def writer() -> Iterator[Writer]:
-    one = Writer(Store(EventsSection()))
+    one = Writer(Transactions(EventsSection()))
     yield one
     one.end()
 
 
 def test_a_record_that_cannot_be_opened_is_away_from_the_start(tmp_path: Path) -> None:
-    store = Store(EventsSection(file=tmp_path / "nowhere" / "events.db"))
-    one = Writer(store)
-    assert (one.is_away, one.reason, one.outages) == (True, store.away_because, 1)
+    transactions = Transactions(EventsSection(file=tmp_path / "nowhere" / "events.db"))
+    one = Writer(transactions)
+    assert (one.is_away, one.reason, one.outages) == (True, transactions.away_because, 1)
     one.end()
 
 

@@ -20,9 +20,9 @@ from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.world import Motion, World, counts_of_output, output_of_gap
 from beamtouch_models.filters import TARED, Rested
 from beamtouch_models.runtime import ModelFile, State
-from beamtouch_service.events.boot import Boot
-from beamtouch_service.events.event import Event, EventKind
-from beamtouch_service.events.health import HealthHistory, StoredHealth
+from beamtouch_service.record.events.boot_record import BootRecord
+from beamtouch_service.record.events.event import Event, EventKind
+from beamtouch_service.record.events.health import HealthHistory, StoredHealth
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.follower import Decision
@@ -136,7 +136,7 @@ class Line:
         self._motion = Motion(self._world, rings=True) if rings else None
         self.pipeline = Pipeline(settings, None, rest_of(settings), rested)
         self.surface = Served(metadata.name, model, section)
-        self._boot = Boot(metadata.name, section, BOOT, model, 0)
+        self._boot = BootRecord(metadata.name, section, BOOT, model, 0)
         self.health = HealthHistory(metadata.name, model, StoredHealth())
 
     def play(self, course: Course) -> Said:

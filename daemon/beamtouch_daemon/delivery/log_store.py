@@ -20,7 +20,7 @@ WRITE_S = 1.0
 """Time between two looks at what must be written, and between two attempts to open the file."""
 MEMORY_S = 5.0
 """Samples that are not durable after this time go to the file. Usually the service makes them durable a second earlier
-(`LATE_S` in its `events/record.py`)."""
+(`LATE_S` in its `record/events/surface_record.py`)."""
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 

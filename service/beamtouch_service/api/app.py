@@ -3,7 +3,7 @@
 All routes run in one event loop, so code between two awaits runs alone and needs no locks. A change that takes longer
 than a slice of `steps` awaits between its steps. Batches of one surface hold its lock meanwhile (`samples`). Whatever
 else may have changed during an await, such as the record of a surface, is looked at again after it
-(`events/recorder.py`). Other threads, such as those of the record, run a call and return its answer. But for counts,
+(`record/recorder.py`). Other threads, such as those of the record, run a call and return its answer. But for counts,
 only the loop changes what routes read.
 """
 
@@ -31,8 +31,8 @@ from beamtouch_service.api import (
 )
 from beamtouch_service.api.context import Clock, Context, Streams
 from beamtouch_service.api.counts import Counts
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.own_names import OwnNames
+from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.surfaces.registry import Registry
 from beamtouch_service.surfaces.surface import Surface
 

@@ -86,7 +86,7 @@ def _state(context: Context, name: str) -> CommissioningState:
     return CommissioningState(
         course=None if course is None else _course_state(course, problem),
         ended=None if course else courses.why_ended(name),
-        lasting=context.recorder.store.is_lasting,
+        lasting=context.recorder.transactions.is_lasting,
     )
 
 
@@ -153,7 +153,7 @@ async def post_commissioning_confirm(
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
     report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by})
     with context.courses.confirm(found):
-        number = await context.recorder.write(lambda store: results.add(store, found.id, report))
+        number = await context.recorder.write(lambda transactions: results.add(transactions, found.id, report))
     return Recorded(id=number, **report.model_dump())
 
 

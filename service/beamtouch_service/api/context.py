@@ -15,9 +15,9 @@ from beamtouch_common.parts import Parts
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
 from beamtouch_service.commissioning.courses import Courses
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.steps import Stepper
 from beamtouch_service.surfaces.freshness import StallDetector
 from beamtouch_service.surfaces.registry import Registry

@@ -12,9 +12,9 @@ from starlette.types import Scope
 
 from beamtouch_service.access import Role
 from beamtouch_service.api.context import context_of
-from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.readers import MAX_ANSWERS, TooManyReadersError
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemError
+from beamtouch_service.record.database.connections import RecordAwayError
+from beamtouch_service.record.reading.readers import MAX_ANSWERS, TooManyReadersError
 
 MAX_ERRORS = 10
 """Places that an answer lists. A batch can be wrong in thousands."""
@@ -24,7 +24,7 @@ _MAX_POINTER = 200
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with problem+json."""
     app.exception_handler(ProblemError)(_problem)
-    app.exception_handler(EventsAwayError)(_events_away)
+    app.exception_handler(RecordAwayError)(_events_away)
     app.exception_handler(TooManyReadersError)(_too_many_readers)
     app.exception_handler(HTTPException)(_http)
     app.exception_handler(RequestValidationError)(_validation)
@@ -79,7 +79,7 @@ async def _problem(request: Request, error: ProblemError) -> Response:
     return refuse(request.scope, error)
 
 
-async def _events_away(request: Request, error: EventsAwayError) -> Response:
+async def _events_away(request: Request, error: RecordAwayError) -> Response:
     detail = f"{error}. Answers go on, and daemons keep their samples."
     return _counted(request.scope, Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"})
 

@@ -24,13 +24,12 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
 from beamtouch_service.api.record_answers import SLOT, Pieces
-from beamtouch_service.events import queries
-from beamtouch_service.events.event import Begin, Contradiction, End, EventKind
-from beamtouch_service.events.event import Event as RecordedEvent
-from beamtouch_service.events.queries import Sampled
-from beamtouch_service.events.readers import Reader
-from beamtouch_service.events.tables import Numbered
 from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.record.events.event import Begin, Contradiction, End, EventKind, Numbered
+from beamtouch_service.record.events.event import Event as RecordedEvent
+from beamtouch_service.record.reading import queries
+from beamtouch_service.record.reading.queries import Sampled
+from beamtouch_service.record.reading.readers import Reader
 from beamtouch_service.samples import SurfaceName
 from beamtouch_service.surfaces.contact import ContactQuality, Figures, rfc3339
 

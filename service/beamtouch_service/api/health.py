@@ -18,8 +18,8 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.api.counts import clock_ahead_s
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.problems import Kind, Problem
+from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
 from beamtouch_service.surfaces.surface import Surface

@@ -3,20 +3,20 @@
 from sqlalchemy import delete, insert, select
 
 from beamtouch_service.commissioning.report import Recorded, Report
-from beamtouch_service.events.readers import Reader
-from beamtouch_service.events.store import Store
-from beamtouch_service.events.tables import COMMISSIONINGS
+from beamtouch_service.record.database.tables import COMMISSIONINGS
+from beamtouch_service.record.reading.readers import Reader
+from beamtouch_service.record.writing.transactions import Transactions
 
 MAX_KEPT = 20
 """Results that are kept of each surface, however old they are."""
 _c = COMMISSIONINGS.c
 
 
-def add(store: Store, course: str, report: Report) -> int:
+def add(transactions: Transactions, course: str, report: Report) -> int:
     """Put the result of a course on record, unless it is there, and drop those beyond the newest; return its id."""
     of_surface = _c.surface == report.surface
     row = {"surface": report.surface, "course": course, "report": report.model_dump(mode="json")}
-    with store.database.writing() as connection:
+    with transactions.database.writing() as connection:
         number: int | None = connection.scalar(select(_c.id).where(_c.course == course))
         if number is None:
             number = connection.execute(insert(COMMISSIONINGS).returning(_c.id), row).scalar_one()

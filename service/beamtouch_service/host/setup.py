@@ -16,14 +16,14 @@ from beamtouch_service.address import Address
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.context import Streams
 from beamtouch_service.config import Settings, read_access
-from beamtouch_service.events import forecast
-from beamtouch_service.events.database import EventStoreError
-from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.host.serve import configure, serve
 from beamtouch_service.outputs import make
 from beamtouch_service.own_names import OwnNames
+from beamtouch_service.record import forecast
+from beamtouch_service.record.database.connections import RecordUnusableError
+from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.sections import ServerSection, SurfaceSection, load_pair
 from beamtouch_service.surfaces.surface import Surface
 
@@ -87,7 +87,7 @@ def run(settings: Settings, levels: Iterable[log.Level] = ()) -> None:
             _log.error(words, surface.name, surface.model_error)
     try:
         recorder = Recorder(settings.events, replica=server.replica)
-    except EventStoreError as error:
+    except RecordUnusableError as error:
         raise InputError(str(error)) from None
     streams, names = Streams(server.max_streams), _names(server)
     app = create_app(parts.surfaces, parts.access, streams=streams, recorder=recorder, names=names)

@@ -88,7 +88,7 @@ def on_record(tmp_path: Path) -> list[tuple[str, int]]:
         return other.execute('SELECT "end", samples FROM events ORDER BY touched_us, id').fetchall()
 
 
-IMPATIENT = "from beamtouch_service.events import sqlite_database as part; part._BUSY_S = 0.1"
+IMPATIENT = "from beamtouch_service.record.database import sqlite as part; part._BUSY_S = 0.1"
 
 
 def test_while_another_program_has_the_file_locked_nothing_is_durable_and_nothing_is_lost(
@@ -111,7 +111,7 @@ def test_while_another_program_has_the_file_locked_nothing_is_durable_and_nothin
     assert "the record of events is back" in errors
 
 
-HANGS = "from beamtouch_service.events import sqlite_database as part; part._BUSY_S = 600.0"
+HANGS = "from beamtouch_service.record.database import sqlite as part; part._BUSY_S = 600.0"
 """As of a disk that does not answer: a commit waits for as long as another program has the file."""
 
 
@@ -132,7 +132,7 @@ def test_a_commit_that_hangs_does_not_hold_up_a_stop_and_what_is_durable_stays(
 
 
 SHORT_LOG = """
-from beamtouch_service.events import recorder, write_ahead
+from beamtouch_service.record import recorder, write_ahead
 write_ahead.WARN_BYTES, write_ahead.MAX_BYTES = 50_000, 100_000
 """
 
@@ -177,7 +177,7 @@ def test_while_another_program_holds_an_old_state_the_log_of_the_file_is_bounded
     assert errors.count("is back") == 1
 
 
-STOPS_LATE = "from beamtouch_service.events import recorder; recorder.STOP_S = 60.0"
+STOPS_LATE = "from beamtouch_service.record import recorder; recorder.STOP_S = 60.0"
 SAYS_WHEN = """
 def said(part, name):
     call = getattr(part, name)
@@ -187,8 +187,8 @@ def said(part, name):
         return call(self, *given)
     setattr(part, name, say)
 
-from beamtouch_service.events import recorder
-said(recorder.Store, "commit")
+from beamtouch_service.record import recorder
+said(recorder.Transactions, "commit")
 said(recorder.Recorder, "close")
 """
 """A character in a file for each commit of something, and for the close."""

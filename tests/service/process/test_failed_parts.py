@@ -38,7 +38,7 @@ class Case(NamedTuple):
 PARTS = [
     Case("clock", "beamtouch_service.surfaces.freshness", "StallDetector", "tick"),
     Case("progress", "beamtouch_common.systemd", "ServiceManager", "alive"),
-    Case("record", "beamtouch_service.events.recorder", "Recorder", "_begin_upkeep"),
+    Case("record", "beamtouch_service.record.recorder", "Recorder", "_begin_upkeep"),
     Case("models", "beamtouch_service.host.models", "", "watch", is_early=True),
     Case("modbus_server", "beamtouch_service.outputs.modbus.server", "asyncio", "start_server", is_early=True),
     Case("mqtt", "beamtouch_service.outputs.mqtt.publisher", "Publisher", "_introduce", is_early=True),

@@ -7,7 +7,7 @@ from pathlib import Path
 import psycopg
 import pytest
 
-from beamtouch_service.events.store import Store
+from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 from service.bench import PATIENT, batch_of
 from service.event_story import RESTING, TOUCHING
@@ -21,7 +21,7 @@ from support.running.waiting import wait_until
 def test_the_record_works_through_a_pool(
     start_press: StartService, postgres: Postgres, events_url: str, pool_mode: str
 ) -> None:
-    often = "from beamtouch_service.events import recorder; recorder.COMMIT_S = 0.01"
+    often = "from beamtouch_service.record import recorder; recorder.COMMIT_S = 0.01"
     contact = [RESTING, TOUCHING, RESTING]
     with pooled(postgres, pool_mode) as port:
         service = start_press(code=f"{PATIENT}\n{often}", sections=f"[events]\nurl = '{at_port(events_url, port)}'\n")
@@ -56,14 +56,14 @@ def test_a_role_that_may_not_make_tables_or_use_those_of_another_is_told_what_to
         url = events_url.replace("beamtouch:", "guest:")
         grant = "GRANT CREATE ON SCHEMA public TO guest"
         assert refusal(command, url, tmp_path) == f"permission denied for schema public; let its owner run: {grant}"
-        Store(EventsSection(url=events_url)).close()
+        Transactions(EventsSection(url=events_url)).close()
         other = "the tables belong to another role: use that one in events.url, or give guest a database"
         assert refusal(command, url, tmp_path) == f"permission denied for table beamtouch_format; {other}"
         # What the first line says helps, in a database of its own.
         url = postgres.create()
         with psycopg.connect(url, autocommit=True) as owner:
             owner.execute(grant.encode())
-        Store(EventsSection(url=url.replace("beamtouch:", "guest:"))).close()
+        Transactions(EventsSection(url=url.replace("beamtouch:", "guest:"))).close()
         with psycopg.connect(url, autocommit=True) as owner:
             owner.execute("DROP OWNED BY guest")
         connection.execute("DROP ROLE guest")
@@ -87,13 +87,13 @@ def test_what_a_pool_refuses_is_named_with_what_to_do_until_it_is_mended(
 
 
 def test_options_of_the_address_take_the_place_of_the_limits(events_url: str) -> None:
-    store = Store(EventsSection(url=f"{events_url}?options=-cstatement_timeout%3D7s"))
-    with store.database.writing() as connection:
+    transactions = Transactions(EventsSection(url=f"{events_url}?options=-cstatement_timeout%3D7s"))
+    with transactions.database.writing() as connection:
         assert connection.exec_driver_sql("SHOW statement_timeout").scalar() == "7s"
         assert connection.exec_driver_sql("SHOW lock_timeout").scalar() == "0"
-    store.close()
-    store = Store(EventsSection(url=events_url))
-    for use in (store.database.writing, store.database.reading_as_writer, store.database.reading):
+    transactions.close()
+    transactions = Transactions(EventsSection(url=events_url))
+    for use in (transactions.database.writing, transactions.database.reading_as_writer, transactions.database.reading):
         with use() as connection:
             assert connection.exec_driver_sql("SHOW statement_timeout").scalar() == "20s"
-    store.close()
+    transactions.close()

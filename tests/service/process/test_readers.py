@@ -15,7 +15,7 @@ from support.running.waiting import wait_until
 WAITS = """
 import time
 from pathlib import Path
-from beamtouch_service.events import queries, readers
+from beamtouch_service.record.reading import queries, readers
 readers.MAX_ANSWERS, readers.SLOT_S, readers.QUERY_S = 2, 0.1, 600.0
 find = queries.find_events
 def wait(reader, **how):

@@ -96,7 +96,10 @@ def test_it_stops_with_a_sender_connected(fresh: Service) -> None:
     ("section", "broken"),
     [
         ("models", "from beamtouch_service.host import models as part; part.watch = end"),
-        ("events", "from beamtouch_service.events.store import Store as part; part.commit = fail"),
+        (
+            "events",
+            "from beamtouch_service.record.writing.transactions import Transactions as part; part.commit = fail",
+        ),
     ],
 )
 def test_readiness_names_a_part_that_ended_in_an_unexpected_error(

@@ -18,7 +18,7 @@ from service.process.conftest import Service, service_of
 from service.process.wrong_clock import WrongClock
 from support.running.waiting import wait_until
 
-OFTEN = f"{PATIENT}\nfrom beamtouch_service.events import recorder\nrecorder.TIDY_S = 0.1"
+OFTEN = f"{PATIENT}\nfrom beamtouch_service.record import recorder\nrecorder.TIDY_S = 0.1"
 """The record is tidied at each of its looks, which are a second apart."""
 START = f"import sys\n{OFTEN}\nfrom beamtouch_service.cli import main\nsys.exit(main())"
 Start = Callable[[WrongClock, str], Service]

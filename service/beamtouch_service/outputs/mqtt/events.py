@@ -9,11 +9,11 @@ from prometheus_client import Counter
 
 from beamtouch_service.api import events as event_answers
 from beamtouch_service.api.context import Context
-from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.store import Due, Store
 from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, WINDOW, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
 from beamtouch_service.outputs.mqtt.section import MqttSection
+from beamtouch_service.record.database.connections import RecordAwayError
+from beamtouch_service.record.writing.transactions import Due, Transactions
 
 RETRY_S = 1.0
 """Pause before the same events are sent again, or read again."""
@@ -43,7 +43,7 @@ class EventSender:
 
     async def count_pending(self) -> None:
         """Count the events that have yet to be acknowledged, unless the record takes long."""
-        with suppress(TimeoutError, EventsAwayError):  # the log has it
+        with suppress(TimeoutError, RecordAwayError):  # the log has it
             async with asyncio.timeout(COUNT_S):
                 await self._recorder.write(partial(self._find_due, limit=0))
 
@@ -61,7 +61,7 @@ class EventSender:
                 words = "the MQTT broker refuses events (%s); allow this user to write to %s"
                 _log.warning(words, error, self._topics.event("+"))
                 continue
-            except EventsAwayError:  # the log has it
+            except RecordAwayError:  # the log has it
                 await asyncio.sleep(RETRY_S)
                 continue
             if has_listeners or loop.time() > settled_s:
@@ -69,9 +69,9 @@ class EventSender:
             else:
                 await asyncio.sleep(RETRY_S)
 
-    def _find_due(self, store: Store, limit: int) -> list[Due]:
+    def _find_due(self, transactions: Transactions, limit: int) -> list[Due]:
         """Return at most `limit` events to send, and count all, in the thread of the record."""
-        due, count = store.due(self._destination, limit, from_start=self._from_start)
+        due, count = transactions.due(self._destination, limit, from_start=self._from_start)
         self._pending.set(count)
         return due
 
@@ -88,5 +88,5 @@ class EventSender:
 
     async def _acknowledge(self, due: list[Due]) -> None:
         self._sent.inc(len(due))
-        with suppress(EventsAwayError):  # they are sent again
-            await self._recorder.write(lambda store: store.acknowledge(due))
+        with suppress(RecordAwayError):  # they are sent again
+            await self._recorder.write(lambda transactions: transactions.acknowledge(due))

@@ -9,9 +9,9 @@ from asyncua import Server, ua
 from asyncua.server.event_generator import EventGenerator
 
 from beamtouch_service.api import events as event_answers
-from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.store import Due, Store
+from beamtouch_service.record.database.connections import RecordAwayError
+from beamtouch_service.record.recorder import Recorder
+from beamtouch_service.record.writing.transactions import Due, Transactions
 
 RETRY_S = 1.0
 """Pause before the record is read again, after it was away."""
@@ -80,7 +80,7 @@ class EventSender:
         while True:
             try:
                 return await self._recorder.wait_for_finished(_take_due)
-            except EventsAwayError:  # the log has it
+            except RecordAwayError:  # the log has it
                 await asyncio.sleep(RETRY_S)
 
     async def _send(self, due: Due) -> None:
@@ -103,8 +103,8 @@ class EventSender:
         await generator.isession.subscription_service.trigger_event(sent)
 
 
-def _take_due(store: Store) -> list[Due]:
-    due, _ = store.due(DESTINATION, AT_ONCE, from_start=False)
+def _take_due(transactions: Transactions) -> list[Due]:
+    due, _ = transactions.due(DESTINATION, AT_ONCE, from_start=False)
     if due:
-        store.acknowledge(due)
+        transactions.acknowledge(due)
     return due

@@ -14,14 +14,15 @@ from typing import TypeVar
 
 from beamtouch_common.threads import in_thread
 from beamtouch_common.uptime import uptime_s
-from beamtouch_service.events.database import EventsAwayError, UnreadableRowError
-from beamtouch_service.events.event import OpenEvent
-from beamtouch_service.events.health import HealthHistory, StoredHealth
-from beamtouch_service.events.readers import Readers
-from beamtouch_service.events.record import SurfaceRecord
-from beamtouch_service.events.retention import Deleted, Retention
-from beamtouch_service.events.store import Change, Store
-from beamtouch_service.events.writer import Writer
+from beamtouch_service.record.database.connections import RecordAwayError, UnreadableRowError
+from beamtouch_service.record.events.changes import Change
+from beamtouch_service.record.events.event import OpenEvent
+from beamtouch_service.record.events.health import HealthHistory, StoredHealth
+from beamtouch_service.record.events.surface_record import SurfaceRecord
+from beamtouch_service.record.reading.readers import Readers
+from beamtouch_service.record.writing.retention import Deleted, Retention
+from beamtouch_service.record.writing.transactions import Transactions
+from beamtouch_service.record.writing.writer import Writer
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
 from beamtouch_service.steps import Stepper
@@ -49,10 +50,10 @@ class Recorder:
     """The record of a service."""
 
     def __init__(self, events: EventsSection = _DEFAULTS, *, replica: bool = False) -> None:
-        """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
+        """Open a file, the database of a URL, or memory; raises RecordUnusableError if it cannot be used."""
         self.is_replica = replica
         """True if other services have the samples of some surfaces."""
-        self.store, self.retention = Store(events), Retention(events)
+        self.transactions, self.retention = Transactions(events), Retention(events)
         self.races = 0
         """Times that another service had written what this one was about to write."""
         self._ended = asyncio.Event()
@@ -65,8 +66,8 @@ class Recorder:
         self._commit: asyncio.Task[None] | None = None
         self._begun_s = 0.0
         """When the commit that runs began [s, monotonic]."""
-        self._writer = Writer(self.store)
-        self.readers = Readers(self.store.database)
+        self._writer = Writer(self.transactions)
+        self.readers = Readers(self.transactions.database)
         self._resume_s = self._tidied_s = float("-inf")
         self._upkeep: asyncio.Task[None] | None = None
 
@@ -152,8 +153,10 @@ class Recorder:
     async def _read(self, surface: Surface, batch: Batch) -> None:
         model = surface.model
         try:
-            cursors, health_on_record = await self._writer.run(lambda store: store.load(surface.name, batch.boot_id))
-        except EventsAwayError as error:
+            cursors, health_on_record = await self._writer.run(
+                lambda transactions: transactions.load(surface.name, batch.boot_id)
+            )
+        except RecordAwayError as error:
             self._resume_s = time.monotonic() + REST_S
             if isinstance(error, UnreadableRowError):
                 self._writer.note_damage(surface.name, str(error))
@@ -188,8 +191,8 @@ class Recorder:
             self._commit.add_done_callback(self._note_end)
         return self._commit
 
-    async def write(self, call: Callable[[Store], _T]) -> _T:
-        """Return what a call of the record gives, after what was begun before; raises EventsAwayError.
+    async def write(self, call: Callable[[Transactions], _T]) -> _T:
+        """Return what a call of the record gives, after what was begun before; raises RecordAwayError.
 
         It gives no answer for longer than `AWAY_S`.
         """
@@ -197,10 +200,10 @@ class Recorder:
             async with asyncio.timeout(AWAY_S):
                 return await self._writer.run(call)
         except TimeoutError:
-            raise EventsAwayError(f"it has not answered for {AWAY_S:g} s") from None
+            raise RecordAwayError(f"it has not answered for {AWAY_S:g} s") from None
 
-    async def wait_for_finished(self, call: Callable[[Store], list[_T]]) -> list[_T]:
-        """Return the finished events that a call of the record gives, once there are any; raises EventsAwayError.
+    async def wait_for_finished(self, call: Callable[[Transactions], list[_T]]) -> list[_T]:
+        """Return the finished events that a call of the record gives, once there are any; raises RecordAwayError.
 
         While there are none, the call is made again after each commit that ends events.
         """
@@ -216,11 +219,11 @@ class Recorder:
         changes = [change for record in records.values() if (change := record.change(now_s))]
         if changes or self._writer.is_away:
             try:
-                numbers, lost = await self._writer.run(lambda store: _write(store, changes))
+                numbers, lost = await self._writer.run(lambda transactions: _write(transactions, changes))
             except BaseException as error:
                 for change in changes:
                     records[change.surface].take_back(change)
-                if not isinstance(error, EventsAwayError):
+                if not isinstance(error, RecordAwayError):
                     raise
                 self._writer.note(str(error))
                 return
@@ -243,8 +246,8 @@ class Recorder:
         surfaces = [(surface, surface.model) for surface in self._unread.values() if surface.model]
         unread, self._unread = self._unread, {}
         try:
-            healths = await self._writer.run(lambda store: store.healths())
-        except EventsAwayError as error:
+            healths = await self._writer.run(lambda transactions: transactions.healths())
+        except RecordAwayError as error:
             self._unread = unread
             self._writer.note(str(error))
             return
@@ -258,13 +261,15 @@ class Recorder:
     async def _tidy(self) -> None:
         try:
             await self.tidy(time.time(), uptime_s())
-        except EventsAwayError as error:
+        except RecordAwayError as error:
             self._writer.note(str(error))
 
     async def tidy(self, clock_s: float, uptime_s: float) -> Deleted:
         """Keep the record within its limits, at the times of `Retention.tidy`; return how many events that costs."""
         held = [(name, boot_id) for name, record in self._records.items() for boot_id in record.boot_ids]
-        return await self._writer.run(lambda store: self.retention.tidy(store.database, clock_s, uptime_s, held))
+        return await self._writer.run(
+            lambda transactions: self.retention.tidy(transactions.database, clock_s, uptime_s, held)
+        )
 
     def _note_end(self, task: "asyncio.Task[None]") -> None:
         """Note that the record is away if a task ended in an error that no database is known to raise."""
@@ -291,12 +296,12 @@ class Recorder:
         self._writer.end()
 
 
-def _write(store: Store, changes: list[Change]) -> tuple[dict[OpenEvent, int], set[str]]:
+def _write(transactions: Transactions, changes: list[Change]) -> tuple[dict[OpenEvent, int], set[str]]:
     """Make changes durable. This runs in a thread: to find changes of sensors takes a while."""
     for change in changes:
         if change.best:
             change.health.add(change.best)
-    return store.commit(changes)
+    return transactions.commit(changes)
 
 
 def _without_model(surface: Surface, batch: Batch) -> tuple[int | None, int | None]:

@@ -4,10 +4,10 @@ from dataclasses import replace
 from math import inf
 
 from beamtouch_models.runtime import ModelFile
-from beamtouch_service.events.boot import Boot
-from beamtouch_service.events.event import OpenEvent
-from beamtouch_service.events.health import HealthHistory
-from beamtouch_service.events.store import Change, Cursor
+from beamtouch_service.record.events.boot_record import BootRecord
+from beamtouch_service.record.events.changes import Change, Cursor
+from beamtouch_service.record.events.event import OpenEvent
+from beamtouch_service.record.events.health import HealthHistory
 from beamtouch_service.samples import MAX_EARLIER, Batch
 from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.surface import Surface
@@ -31,7 +31,7 @@ class SurfaceRecord:
         """When the last change was taken [s, monotonic]."""
         self._health = health
         surface.health = health.state
-        self._boots: dict[str, Boot] = {}
+        self._boots: dict[str, BootRecord] = {}
 
     @property
     def waiting(self) -> int:
@@ -43,7 +43,7 @@ class SurfaceRecord:
         """The boots that are in memory."""
         return list(self._boots)
 
-    def boot(self, boot_id: str) -> Boot | None:
+    def boot(self, boot_id: str) -> BootRecord | None:
         """Return a boot; None if it has yet to be read."""
         return self._boots.get(boot_id)
 
@@ -57,9 +57,9 @@ class SurfaceRecord:
         if batch.boot_id not in self._boots and first is not None:
             self._boots[batch.boot_id] = self._new(batch.boot_id, first - 1)
 
-    def _new(self, boot_id: str, durable: int) -> Boot:
+    def _new(self, boot_id: str, durable: int) -> BootRecord:
         surface = self.surface
-        return Boot(surface.name, surface.section, boot_id, self.model, durable)
+        return BootRecord(surface.name, surface.section, boot_id, self.model, durable)
 
     def adopt(self, model: ModelFile) -> None:
         """Decide with this model from now on."""

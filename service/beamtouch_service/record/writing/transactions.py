@@ -21,13 +21,10 @@ from sqlalchemy import (
     update,
 )
 
-from beamtouch_service.events.best import Best
-from beamtouch_service.events.database import Database
-from beamtouch_service.events.event import End, Event, OpenEvent
-from beamtouch_service.events.health import BlockKey, HealthHistory, StoredHealth
-from beamtouch_service.events.server_database import ServerDatabase
-from beamtouch_service.events.sqlite_database import FileDatabase, MemoryDatabase
-from beamtouch_service.events.tables import (
+from beamtouch_service.record.database.connections import Database
+from beamtouch_service.record.database.postgresql import ServerDatabase
+from beamtouch_service.record.database.sqlite import FileDatabase, MemoryDatabase
+from beamtouch_service.record.database.tables import (
     CONTENT,
     CURSORS,
     DELIVERIES,
@@ -38,60 +35,16 @@ from beamtouch_service.events.tables import (
     IS_FINISHED,
     TIME,
     WITHOUT_PATH,
-    Numbered,
     event_of,
 )
+from beamtouch_service.record.events.changes import BootChange, Change, Cursor
+from beamtouch_service.record.events.event import End, Event, OpenEvent
+from beamtouch_service.record.events.health import BlockKey, StoredHealth
 from beamtouch_service.sections import EventsSection
 
 _c = EVENTS.c
 _FIXED = {column.name for index in EVENTS.indexes for column in index.columns} - {"recorded_s"}
 """Columns that stay as they were when the event began. To write them again would write their indexes, too."""
-
-
-@dataclass(frozen=True)
-class Cursor:
-    """How far the record of one boot is."""
-
-    boot_id: str
-    durable: int
-    """Number of the last sample on record."""
-    version: int
-    """How often this was written."""
-    model: str
-    memory: dict[str, Any]
-    event: Numbered | None
-    """The open event."""
-
-
-@dataclass(frozen=True)
-class BootChange:
-    """The additions to the record by the samples of one boot since its last change."""
-
-    boot_id: str
-    version: int
-    """The version that it follows; 0 for a new boot."""
-    durable: int
-    model: str
-    memory: dict[str, Any]
-    events: list[tuple[OpenEvent, int | None, dict[str, Any]]]
-    """Events that began, went on or ended: each with its id, if it is on record, and its row."""
-    open_event: OpenEvent | None
-
-
-@dataclass(frozen=True)
-class Change:
-    """The changes of one surface that are to become durable."""
-
-    surface: str
-    boots: list[BootChange]
-    best: list[Best]
-    """Best samples of events that ended."""
-    health: HealthHistory
-
-    @property
-    def has_ended(self) -> bool:
-        """True if events ended."""
-        return any(row["end"] is not End.OPEN for boot in self.boots for _, _, row in boot.events)
 
 
 @dataclass(frozen=True)
@@ -104,17 +57,17 @@ class Due:
 
 
 def open_database(where: Path | str | None) -> Database:
-    """Open a file, the database of a URL, or memory; raises EventStoreError."""
+    """Open a file, the database of a URL, or memory; raises RecordUnusableError."""
     if where is None:
         return MemoryDatabase()
     return ServerDatabase(where) if isinstance(where, str) else FileDatabase(where)
 
 
-class Store:
-    """The record of all surfaces. While its database is away, every call raises EventsAwayError."""
+class Transactions:
+    """The record of all surfaces. While its database is away, every call raises RecordAwayError."""
 
     def __init__(self, events: EventsSection) -> None:
-        """Open a file, the database of a URL, or memory; raises EventStoreError."""
+        """Open a file, the database of a URL, or memory; raises RecordUnusableError."""
         self.is_lasting = bool(events.url or events.file)
         """True if the record outlives the service."""
         self.database = open_database(events.url or events.file)

@@ -27,7 +27,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
-from beamtouch_service.events.event import Begin, End, Event, EventKind
+from beamtouch_service.record.events.event import Begin, End, Event, EventKind, Numbered
 
 FORMAT = 14
 """The format of the record. A record of another one is refused. Raise it when a table, a field of `Event` or the memory
@@ -138,9 +138,6 @@ Index("by_record", EVENTS.c.recorded_s)
 
 CONTENT = [EVENTS.c[entry.name] for entry in fields(Event)]
 WITHOUT_PATH = [column for column in CONTENT if column.name not in ("path", "best", "capture")]
-
-Numbered = tuple[int, Event]
-"""Id and content of an event."""
 
 
 def event_of(row: Row[*tuple[Any, ...]]) -> Numbered:

@@ -9,7 +9,7 @@ from functools import partial
 from sqlalchemy import Connection, Engine, event
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
 
-from beamtouch_service.events.tables import OtherFormatError, is_current, prepare
+from beamtouch_service.record.database.tables import OtherFormatError, is_current, prepare
 
 READERS = 2
 """Threads that read, each with a connection of its own."""
@@ -20,15 +20,15 @@ compact_json = partial(json.dumps, separators=(",", ":"), allow_nan=False)
 """Writes JSON columns."""
 
 
-class EventsAwayError(Exception):
+class RecordAwayError(Exception):
     """The record takes nothing now; the message gives its reason, in one line. What failed can be tried again."""
 
 
-class UnreadableRowError(EventsAwayError):
+class UnreadableRowError(RecordAwayError):
     """A row is damaged; the message gives the reason, in one line. Others may be whole."""
 
 
-class EventStoreError(EventsAwayError):
+class RecordUnusableError(RecordAwayError):
     """The record cannot be used as it is; the message gives the reason and the remedy, in one line."""
 
 
@@ -64,7 +64,7 @@ class Database:
     """A database with a connection that writes, and others that only read. It is checked before its first use."""
 
     def __init__(self, writer: Connections, readers: Connections, where: str, remedy: str) -> None:
-        """Prepare it, unless it is away; raises EventStoreError if it can never be used.
+        """Prepare it, unless it is away; raises RecordUnusableError if it can never be used.
 
         Messages that it cannot be used say where it is, and name the remedy.
         """
@@ -76,15 +76,15 @@ class Database:
         try:
             with self.writing():
                 pass
-        except EventStoreError:
+        except RecordUnusableError:
             self.close()
             raise
-        except EventsAwayError as error:  # the next call tries again
+        except RecordAwayError as error:  # the next call tries again
             self.away_because = str(error)
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
-        """Give a transaction, the only one that writes; raises EventsAwayError. Only one thread may use this."""
+        """Give a transaction, the only one that writes; raises RecordAwayError. Only one thread may use this."""
         with self._use_writer() as connection:
             self._require_room(connection)
             with connection.begin():
@@ -94,7 +94,7 @@ class Database:
 
     @contextmanager
     def reading_as_writer(self) -> Iterator[Connection]:
-        """Give the connection that writes, for reading; raises EventsAwayError. Only one thread may use this."""
+        """Give the connection that writes, for reading; raises RecordAwayError. Only one thread may use this."""
         with self._use_writer() as connection:
             self._limit(connection)
             yield connection
@@ -109,17 +109,17 @@ class Database:
                     self._is_prepared, is_first = True, False
                 yield connection
         except OtherFormatError as error:
-            raise EventStoreError(self._with_remedy(str(error), self._remedy)) from None
+            raise RecordUnusableError(self._with_remedy(str(error), self._remedy)) from None
         except (ValueError, LookupError) as error:  # a damaged file may hold anything, and SQLite does not see it
             raise _unreadable(error) from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
             self._is_prepared = False
             reason = self._with_remedy(reason_of(error), self._remedy_of(error)) if is_first else reason_of(error)
-            raise (EventStoreError if is_first and not _is_passing(error) else EventsAwayError)(reason) from None
+            raise (RecordUnusableError if is_first and not _is_passing(error) else RecordAwayError)(reason) from None
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        """Give a connection of its own to a thread that reads; raises EventsAwayError."""
+        """Give a connection of its own to a thread that reads; raises RecordAwayError."""
         try:
             with self._readers.use() as connection:
                 self._limit(connection)
@@ -127,7 +127,7 @@ class Database:
         except (ValueError, LookupError) as error:
             raise _unreadable(error) from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
-            raise EventsAwayError(reason_of(error)) from None
+            raise RecordAwayError(reason_of(error)) from None
 
     def _with_remedy(self, reason: str, remedy: str) -> str:
         return f"{self._where}: {reason}; {remedy}"
@@ -154,7 +154,7 @@ class Database:
         """Bound the times that a transaction may take, which begins with this."""
 
     def _require_room(self, connection: Connection) -> None:
-        """Raise EventsAwayError if nothing may be written now."""
+        """Raise RecordAwayError if nothing may be written now."""
 
     def _lock(self, connection: Connection) -> None:
         """Make a transaction the only one that writes."""

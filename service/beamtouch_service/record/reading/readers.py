@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from sqlalchemy import Row, Select
 
 from beamtouch_common.threads import Workers
-from beamtouch_service.events.database import READERS, Database, EventsAwayError
+from beamtouch_service.record.database.connections import READERS, Database, RecordAwayError
 
 MAX_ANSWERS = 32
 """Answers from the record that may be under way: waiting for a thread, being read, or being sent. Each may be a MB."""
@@ -43,7 +43,7 @@ class Reader:
         self._begin_s = time.thread_time()
 
     def rows(self, statement: Select[Any]) -> list[Row[*tuple[Any, ...]]]:
-        """Return the rows of a statement; raises EventsAwayError."""
+        """Return the rows of a statement; raises RecordAwayError."""
         rows: list[Row[*tuple[Any, ...]]] = []
         with self._database.reading() as connection:
             for part in connection.execute(statement).partitions(_AT_ONCE):
@@ -81,12 +81,12 @@ class Readers:
             self._slots.release()
 
     async def read(self, query: Callable[[Reader], _T]) -> _T:
-        """Return the answer to a query of what is durable; raises EventsAwayError."""
+        """Return the answer to a query of what is durable; raises RecordAwayError."""
         try:
             async with asyncio.timeout(QUERY_S):
                 return await self._threads.run(lambda: query(Reader(self._database)))
         except TimeoutError:
-            raise EventsAwayError(f"it has not answered for {QUERY_S:g} s") from None
+            raise RecordAwayError(f"it has not answered for {QUERY_S:g} s") from None
 
     def end(self) -> None:
         """End the threads after what they were told to read."""

@@ -12,8 +12,8 @@ from typing import Any
 from pydantic import BaseModel
 
 from beamtouch_models.runtime import State
-from beamtouch_service.events.best import Best
-from beamtouch_service.events.load import DECIMALS, Load, Sighting
+from beamtouch_service.record.events.best import Best
+from beamtouch_service.record.events.load import DECIMALS, Load, Sighting
 from beamtouch_service.surfaces.follower import Decision
 
 
@@ -134,6 +134,10 @@ class Event:
     """Zone that the contact was inside -> for how long [us]."""
     capture: list[dict[str, Any]] = field(default_factory=list)
     """Its first unexplained samples, each as a `Contradiction`."""
+
+
+Numbered = tuple[int, Event]
+"""Id and content of an event."""
 
 
 class OpenEvent:

@@ -8,9 +8,9 @@ from sqlalchemy import Connection, delete, exists, func, select, tuple_, update
 
 from beamtouch_common.log import Repeated
 from beamtouch_common.spans import apart, are_apart
-from beamtouch_service.events.ageing import RecordTime, Watch
-from beamtouch_service.events.database import Database
-from beamtouch_service.events.tables import CURSORS, EVENTS, IS_FINISHED, TIME
+from beamtouch_service.record.database.connections import Database
+from beamtouch_service.record.database.tables import CURSORS, EVENTS, IS_FINISHED, TIME
+from beamtouch_service.record.writing.ageing import RecordTime, Watch
 from beamtouch_service.sections import EventsSection
 
 _SHARE = 20
@@ -49,7 +49,7 @@ class Retention:
     def tidy(
         self, database: Database, clock_s: float, uptime_s: float, held: Collection[tuple[str, str]] = ()
     ) -> Deleted:
-        """Delete what is too old, and the oldest events above the size limit; raises EventsAwayError.
+        """Delete what is too old, and the oldest events above the size limit; raises RecordAwayError.
 
         The cursor of a boot stays as long as an event of it, and while this service goes on from it. Any other loses
         its cursor after a day; if its sender comes back, the record begins with what that keeps.

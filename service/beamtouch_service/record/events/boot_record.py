@@ -9,10 +9,10 @@ from math import isfinite
 from typing import Any
 
 from beamtouch_models.runtime import ModelFile, State, Suspects
-from beamtouch_service.events.best import Best, BestSamples, DisjointMean
-from beamtouch_service.events.event import Begin, ChannelDoubt, Contradiction, End, Event, EventKind, OpenEvent
-from beamtouch_service.events.load import begin_us, sighting_of
-from beamtouch_service.events.store import BootChange, Cursor
+from beamtouch_service.record.events.best import Best, BestSamples, DisjointMean
+from beamtouch_service.record.events.changes import BootChange, Cursor
+from beamtouch_service.record.events.event import Begin, ChannelDoubt, Contradiction, End, Event, EventKind, OpenEvent
+from beamtouch_service.record.events.load import begin_us, sighting_of
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
@@ -28,7 +28,7 @@ _DIGITS = 6
 _log = logging.getLogger(__name__)
 
 
-class Boot:
+class BootRecord:
     """One boot, up to the next sample that the record expects."""
 
     def __init__(self, surface: str, section: SurfaceSection, boot_id: str, model: ModelFile, durable: int) -> None:

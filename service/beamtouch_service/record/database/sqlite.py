@@ -10,8 +10,8 @@ from typing import TypedDict
 from sqlalchemy import Connection, Engine, QueuePool, StaticPool, create_engine, event
 
 from beamtouch_common.files import identity_of
-from beamtouch_service.events.database import READERS, Connections, Database, EventsAwayError, compact_json
-from beamtouch_service.events.write_ahead import WriteAheadLog
+from beamtouch_service.record.database.connections import READERS, Connections, Database, RecordAwayError, compact_json
+from beamtouch_service.record.database.write_ahead import WriteAheadLog
 
 _BUSY_S = 2.0
 """Wait this long while another program, such as a backup, has the file locked."""
@@ -65,7 +65,7 @@ class FileDatabase(Database):
 
     def _require_room(self, connection: Connection) -> None:
         if reason := self._wal.reason_to_wait(connection):
-            raise EventsAwayError(reason)
+            raise RecordAwayError(reason)
 
     def _note_replaced(self) -> None:
         words = "the file of events was deleted or replaced while open; the record goes on in %s"

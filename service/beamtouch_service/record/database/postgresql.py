@@ -3,16 +3,16 @@
 from sqlalchemy import URL, Connection, Engine, create_engine, func, make_url, select
 from sqlalchemy.exc import ArgumentError
 
-from beamtouch_service.events.database import (
+from beamtouch_service.record.database.connections import (
     READERS,
     Connections,
     Database,
-    EventStoreError,
+    RecordUnusableError,
     code_of,
     compact_json,
     reason_of,
 )
-from beamtouch_service.events.tables import EVENTS
+from beamtouch_service.record.database.tables import EVENTS
 
 _CONNECT: dict[str, object] = {
     "application_name": "beamtouch-service",
@@ -46,11 +46,11 @@ class ServerDatabase(Database):
         except (ArgumentError, ValueError):
             # Not quoted: it may hold a password.
             message = "events.url cannot be read; it looks like postgresql://beamtouch@127.0.0.1/beamtouch"
-            raise EventStoreError(message) from None
+            raise RecordUnusableError(message) from None
         try:
             writer, readers = (Connections(_server_engine(parsed, number)) for number in (1, READERS))
         except ModuleNotFoundError:
-            raise EventStoreError("events.url needs psycopg; run: pip install 'beamtouch[postgresql]'") from None
+            raise RecordUnusableError("events.url needs psycopg; run: pip install 'beamtouch[postgresql]'") from None
         self._role = parsed.username or "this role"
         limits = {} if "options" in parsed.query else _LIMITS
         self._limits = select(*(func.set_config(name, value, True) for name, value in limits.items()))

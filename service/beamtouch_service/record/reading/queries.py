@@ -6,11 +6,11 @@ from typing import Any
 
 from sqlalchemy import Row, Select, null, select, true, tuple_
 
-from beamtouch_service.events.best import Best
-from beamtouch_service.events.event import Event, EventKind
-from beamtouch_service.events.readers import Reader
-from beamtouch_service.events.tables import CONTENT, EVENTS, WITHOUT_PATH, Numbered, event_of
-from beamtouch_service.events.times import latest_us
+from beamtouch_service.record.database.tables import CONTENT, EVENTS, WITHOUT_PATH, event_of
+from beamtouch_service.record.events.best import Best
+from beamtouch_service.record.events.event import Event, EventKind, Numbered
+from beamtouch_service.record.events.times import latest_us
+from beamtouch_service.record.reading.readers import Reader
 
 _c = EVENTS.c
 

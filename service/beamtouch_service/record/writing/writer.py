@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from beamtouch_common.log import Repeated
 from beamtouch_common.threads import Workers
-from beamtouch_service.events.store import Store
+from beamtouch_service.record.writing.transactions import Transactions
 
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
@@ -15,14 +15,14 @@ _T = TypeVar("_T")
 class Writer:
     """Writes one thing after another, in the order in which it is told to."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, transactions: Transactions) -> None:
         self.outages = 0
         """Times that the record went away."""
         self._reason, self._said = "", ""
         self._damaged: dict[str, str] = {}
         """Surface -> why what is on record of it cannot be read."""
-        self._store, self._thread, self._fault = store, Workers("record"), Repeated(_log)
-        self.note(store.away_because)
+        self._transactions, self._thread, self._fault = transactions, Workers("record"), Repeated(_log)
+        self.note(transactions.away_because)
 
     @property
     def is_away(self) -> bool:
@@ -34,9 +34,9 @@ class Writer:
         """Why the record is away, or that of a surface; empty while it is there."""
         return self._reason or next(iter(self._damaged.values()), "")
 
-    async def run(self, call: Callable[[Store], _T]) -> _T:
-        """Return what a call of the record gives; raises EventsAwayError. It may wait for what was begun before."""
-        return await self._thread.run(lambda: call(self._store))
+    async def run(self, call: Callable[[Transactions], _T]) -> _T:
+        """Return what a call of the record gives; raises RecordAwayError. It may wait for what was begun before."""
+        return await self._thread.run(lambda: call(self._transactions))
 
     def note(self, reason: str) -> None:
         """Note that the record is away for this reason, or with an empty one that it is there."""
@@ -69,5 +69,5 @@ class Writer:
     def end(self) -> None:
         """End the thread after what was begun, and close the database."""
         # Nobody waits for it: a disk that does not answer must not hold up a stop.
-        self._thread.post(self._store.close)
+        self._thread.post(self._transactions.close)
         self._thread.end()

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from beamtouch_models.runtime import BestSample, ChannelChange, Health, ModelFile
-from beamtouch_service.events.best import Best
-from beamtouch_service.events.times import latest_us
+from beamtouch_service.record.events.best import Best
+from beamtouch_service.record.events.times import latest_us
 from beamtouch_service.surfaces.channels import ChannelHealth, Part, SurfaceHealth
 from beamtouch_service.surfaces.contact import rfc3339
 
