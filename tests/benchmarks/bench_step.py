@@ -118,7 +118,7 @@ def readings_needed(settings: Surface, beam: VirtualSurface, model: runtime.Mode
         (taken,) = pipeline.process([Reading((19 + count) * period_s, counts)], 0.0)
         batch = Batch(boot_id="boot-0001", channels=model.channels, newest_age_ms=0.0, samples=[taken.sample])
         surface.receive(batch, count * period_s)
-        if surface.contact(count * period_s).state is State.CONTACT:
+        if surface.view(count * period_s).state is State.CONTACT:
             return count
     raise AssertionError("the load is no contact")
 

@@ -114,7 +114,7 @@ class Trade:
         for at in range(begin, begin + round(TOUCHED_S / self.period_s)):
             if taken := taking.take(self.reading(at, load)):
                 surface.receive(self.batch(taken), at * self.period_s)
-                if surface.standing(at * self.period_s) is State.CONTACT:
+                if surface.view(at * self.period_s).state is State.CONTACT:
                     return (at - begin + self.rng.uniform()) * self.period_s * 1e3
         return float("inf")
 

@@ -44,7 +44,7 @@ def test_each_quality_and_the_channel_to_check_have_bits_in_the_order_of_the_mod
     assert block(surface)[26:42] == [1, 0, 0, 0, 1 << 15, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 << 7, 0]
     surface = surface_of(channels=4)
     surface.receive(parsed([0.0] * 4, *[[0.5, 0.25, 0.75, 0.125]] * 60), NOW_S)
-    assert surface.contact(NOW_S).notes == ["check-s3"]
+    assert surface.view(NOW_S).notes == ["check-s3"]
     words = block(surface)
     assert (words[2], words[3], words[22:26]) == (3, 0, [0b100, 0, 0, 0])
 
@@ -139,7 +139,7 @@ def test_two_bits_of_each_zone_say_whether_the_contact_is_inside(row: Row, bits:
 )
 def test_the_entries_into_a_zone_wrap() -> None:
     surface = surface_of(section=SurfaceSection(zones={"gate": Zone(from_mm=120, to_mm=200)}))
-    surface.zone_entries["gate"] = 65_534
+    surface.zone_entries = {"gate": 65_534}
     found = []
     for sequence, row in enumerate([[0.5, 0.25, 0.125], [0.0] * 3] * 2, 1):
         surface.receive(parsed(*[row] * 5, sequence=5 * sequence), NOW_S)

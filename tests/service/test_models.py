@@ -146,7 +146,7 @@ async def test_a_model_waits_for_its_channels(kept: Kept, caplog: pytest.LogCapt
     await kept.polls()
     assert (kept.identity, len(caplog.records)) == (old, 1)
     assert "it needs s4, s5, but the samples of this surface lack them" in str(kept.surface.model_error)
-    assert kept.surface.contact(10.1).model == old
+    assert kept.surface.view(10.1).answered_by == old
     kept.surface.receive(parsed([0.5] * 5, boot_id="boot-0002"), 10.2)
     await kept.polls()
     assert (kept.identity[:5], kept.surface.model_error) == ("five@", None)
@@ -169,7 +169,7 @@ async def test_model_and_daemon_may_be_changed_in_either_order(kept: Kept, *, mo
         await kept.polls(content)
     await kept.polls()
     kept.surface.receive(renamed, 10.2)
-    assert kept.surface.contact(10.2).model.startswith("renamed@")
+    assert str(kept.surface.view(10.2).answered_by).startswith("renamed@")
 
 
 @pytest.mark.promise(
@@ -193,7 +193,7 @@ async def test_a_model_of_another_beam_waits_for_samples_of_that_beam(
     await kept.polls()
     assert (kept.identity != old, kept.surface.model_error) == (True, None)
     kept.surface.receive(other, 10.2)
-    assert kept.surface.contact(10.2).model == kept.identity
+    assert kept.surface.view(10.2).answered_by == kept.identity
 
 
 @pytest.fixture

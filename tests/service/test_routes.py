@@ -128,7 +128,7 @@ def test_a_failure_inside_is_a_problem_without_its_traceback(bench: Bench, monke
         raise RuntimeError(f"secret {arguments}")
 
     (surface,) = bench.app.context.registry
-    for name in ("answer", "begin"):
+    for name in ("view", "begin"):
         monkeypatch.setattr(surface, name, fail)
     for response in (bench.get("/surfaces"), bench.post(batch_of())):
         assert (response.status_code, kind(response)) == (500, "internal")

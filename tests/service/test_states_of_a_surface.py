@@ -1,18 +1,21 @@
 """What a surface takes, answers and shows at one time, and which reason it gives if there are several."""
 
+import json
 from collections.abc import Collection
 from typing import Any
 
 import pytest
 
 from beamtouch_models.runtime import State
-from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.api.stream import Pace
+from beamtouch_service.api.surfaces import summarize
+from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Quality
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.channels import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.registry import Registry
-from beamtouch_service.surfaces.state import changing, state_of, summary_of
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.view import contact_of
 from service.bench import parsed, surface_of, surface_with
 from service.event_story import ODD, RESTING, TOUCHING
 from support.surfaces.small_model import model_of
@@ -21,11 +24,17 @@ NOW_S = 1000.0
 OTHER = {"beam": "beam-2"}
 
 
+def told(surface: Surface, now_s: float = NOW_S) -> dict[str, Any]:
+    """Return the state of a surface, as the first event of a stream has it."""
+    state: dict[str, Any] = json.loads(Pace().next(surface, now_s) or "")
+    return state
+
+
 def shown(surface: Surface, now_s: float = NOW_S) -> list[tuple[float | None, str]]:
     """Return deflection and quality of each channel, as the stream has them."""
-    channels = state_of(surface, now_s).channels
-    assert [(one.name, one.position_mm) for one in channels] == [("s1", 100.0), ("s2", 200.0), ("s3", 300.0)]
-    return [(one.deflection_mm, one.quality) for one in channels]
+    channels = told(surface, now_s)["channels"]
+    assert [(one["name"], one["position_mm"]) for one in channels] == [("s1", 100.0), ("s2", 200.0), ("s3", 300.0)]
+    return [(one["deflection_mm"], one["quality"]) for one in channels]
 
 
 NONE_SHOWN = [(None, "missing")] * 3
@@ -39,7 +48,7 @@ def test_deflections_are_shown_while_they_are_current_even_if_there_is_no_contac
     assert shown(surface, NOW_S + 0.5) == shown(surface)
     assert shown(surface, NOW_S + 0.5001) == NONE_SHOWN  # stale
     surface.receive(parsed([0.5, None, None], sequence=2, quality=["good", "stuck", "missing"]), NOW_S)
-    assert state_of(surface, NOW_S).problem is not None
+    assert told(surface)["problem"] is not None
     assert shown(surface) == [(0.5, "good"), (None, "stuck"), (None, "missing")]
 
 
@@ -47,50 +56,46 @@ def test_deflections_of_another_beam_are_not_shown() -> None:
     surface = surface_of(section=SurfaceSection(stale_ms=100.0))
     surface.receive(parsed(TOUCHING), NOW_S - 0.2)
     refuse(surface, 2, NOW_S)
-    assert surface.standing(NOW_S) is Kind.OTHER_BEAM
+    assert surface.view(NOW_S).status is Kind.OTHER_BEAM
     assert shown(surface) == NONE_SHOWN
 
 
 def test_a_state_has_the_contact_or_the_problem_with_the_scale_of_the_misfit() -> None:
     surface = surface_of()
-    before = state_of(surface, NOW_S)
-    assert (before.contact, before.misfit_limit, before.age_ms, before.sequence) == (None, None, None, None)
-    assert before.problem is not None
-    assert before.problem.type.endswith("no-samples")
+    before = told(surface)
+    assert (before["contact"], before["misfit_limit"], before["age_ms"], before["sequence"]) == (None, None, None, None)
+    assert before["problem"]["type"].endswith("no-samples")
     surface.receive(parsed(TOUCHING, sequence=7, age_ms=12.34), NOW_S)
-    state = state_of(surface, NOW_S + 0.1)
-    assert (state.problem, state.misfit_limit, state.age_ms, state.sequence) == (None, 30.0, 112.3, 7)
-    assert (state.contact, state.length_mm) == (surface.contact(NOW_S + 0.1), 400.0)
-    bare = state_of(surface_with(None), NOW_S)
-    assert (bare.length_mm, bare.channels, bare.contact) == (None, [], None)
+    state = told(surface, NOW_S + 0.1)
+    assert (state["problem"], state["misfit_limit"], state["age_ms"], state["sequence"]) == (None, 30.0, 112.3, 7)
+    contact = contact_of(surface.view(NOW_S + 0.1)).model_dump(mode="json")
+    assert (state["contact"], state["length_mm"]) == (contact, 400.0)
+    bare = told(surface_with(None))
+    assert (bare["length_mm"], bare["channels"], bare["contact"]) == (None, [], None)
 
 
 def test_what_changes_by_time_alone_is_no_change() -> None:
-    surface = surface_of()
+    surface, pace = surface_of(), Pace()
 
-    def essence(now_s: float) -> dict[str, Any]:
-        return changing(state_of(surface, now_s).model_dump(mode="json"))
+    def has_news(now_s: float) -> bool:
+        return pace.next(surface, now_s) is not None
 
     surface.receive(parsed(TOUCHING), NOW_S)
-    assert essence(NOW_S) == essence(NOW_S + 0.4)
-    assert essence(NOW_S + 0.6) == essence(NOW_S + 0.7) != essence(NOW_S)
-    assert {"age_ms", "detail"}.isdisjoint(essence(NOW_S)["contact"])
-    problem = essence(NOW_S + 0.6)["problem"]
-    assert (problem["type"], "detail" in problem) == ("urn:beamtouch:problem:stale", False)
-    assert essence(NOW_S)["age_ms"] is None
-    surface.receive(parsed([0.5, 0.5, 0.0], sequence=2), NOW_S)
-    assert essence(NOW_S)["contact"]["position_mm"] == 150.0
+    assert [has_news(NOW_S), has_news(NOW_S + 0.4)] == [True, False]
+    assert [has_news(NOW_S + 0.6), has_news(NOW_S + 0.7)] == [True, False]  # stale, and more so
+    surface.receive(parsed([0.5, 0.5, 0.0], sequence=2), NOW_S + 0.8)
+    assert has_news(NOW_S + 0.8)
 
 
 def test_a_summary_has_what_is_known_and_null_for_the_rest() -> None:
-    bare = summary_of(surface_with(None), NOW_S)
+    bare = summarize(surface_with(None), NOW_S)
     assert (bare.model, bare.beam, bare.channels, bare.age_ms, bare.state) == (None, None, [], None, None)
     assert (bare.misfit, bare.misfit_limit, bare.notes, bare.health) == (None, None, [], None)
     surface = surface_of()
     surface.receive(parsed(*[RESTING, *[ODD] * 4]), NOW_S)
-    odd = summary_of(surface, NOW_S + 0.25)
+    odd = summarize(surface, NOW_S + 0.25)
     assert (odd.state, odd.misfit, odd.misfit_limit, odd.age_ms) == (State.UNEXPLAINED, 500.0, 30.0, 250.0)
-    stale = summary_of(surface, NOW_S + 0.6)
+    stale = summarize(surface, NOW_S + 0.6)
     assert (stale.state, stale.misfit, stale.misfit_limit, stale.age_ms) == (None, None, None, 600.0)
 
 
@@ -101,7 +106,7 @@ def refuse(surface: Surface, sequence: int, now_s: float) -> None:
 
 
 def kinds(surface: Surface, *times_s: float) -> list[str]:
-    return [str(getattr(surface.standing(now_s), "slug", surface.standing(now_s))) for now_s in times_s]
+    return [str(getattr(status, "slug", status)) for status in (surface.view(now_s).status for now_s in times_s)]
 
 
 def test_samples_of_another_beam_are_told_for_ten_seconds() -> None:
@@ -156,15 +161,15 @@ def test_after_each_batch_that_moved_the_answer_and_no_other_it_is_said() -> Non
 
 def test_qualities_are_those_of_the_channels_of_the_model() -> None:
     surface = surface_of()
-    assert surface.qualities == {}
+    assert surface.view(NOW_S).qualities == {}
     names = ["spare", "s3", "s2", "s1"]
     quality = ["stuck", "good", "saturated", "good"]
     surface.receive(parsed([0.1, 0.125, 0.25, 500.0], channels=names, quality=quality), NOW_S)
-    assert surface.qualities == {"s1": Quality.OUT_OF_RANGE, "s2": Quality.SATURATED, "s3": Quality.GOOD}
+    assert surface.view(NOW_S).qualities == {"s1": Quality.OUT_OF_RANGE, "s2": Quality.SATURATED, "s3": Quality.GOOD}
     bare = surface_with(None)
     bare.receive(parsed([0.1, 0.125, 0.25, 0.5], channels=names, quality=quality), NOW_S)
-    assert list(bare.qualities) == names
-    assert bare.qualities["spare"] is Quality.STUCK
+    assert list(bare.view(NOW_S).qualities) == names
+    assert bare.view(NOW_S).qualities["spare"] is Quality.STUCK
 
 
 def test_channels_of_a_surface_without_a_model_are_out_too() -> None:
@@ -185,18 +190,17 @@ def test_a_pause_between_samples_counts_for_the_limit_of_age_at_most() -> None:
 def test_what_a_technician_must_come_for_is_no_reason_for_others() -> None:
     surface = surface_of(section=SurfaceSection(degraded_after_s=0.004))
     surface.receive(parsed(*[TOUCHING] * 2, quality=["good", "stuck", "good"]), NOW_S)
-    answer = surface.answer(NOW_S)
-    assert not isinstance(answer, Problem)
-    assert answer.notes == ["degraded", "unchecked"]
-    contact = surface.contact(NOW_S)
+    view = surface.view(NOW_S)
+    assert view.notes == ["degraded", "unchecked"]
+    contact = contact_of(view)
     assert (contact.quality, contact.degraded_channels) == ("degraded", ["s2"])
-    found = [surface.unready(NOW_S, healthy=healthy) for healthy in (False, True)]
+    found = [surface.view(NOW_S).problem, surface.find_fault(NOW_S)]
     assert [problem and problem.kind for problem in found] == [None, Kind.CHANNELS_OUT]
     surface.adopt(model_of("other"))  # it may have other channels
     assert not surface.channels_out.any
     surface = surface_of()
     surface.receive(parsed(TOUCHING).model_copy(update={"notes": ["zeros"]}), NOW_S)
-    found = [surface.unready(NOW_S, healthy=healthy) for healthy in (False, True)]
+    found = [surface.view(NOW_S).problem, surface.find_fault(NOW_S)]
     assert [problem and problem.kind for problem in found] == [None, Kind.ZEROS_MOVED]
 
 
@@ -211,18 +215,15 @@ def test_two_daemons_are_noted_by_their_live_samples() -> None:
             surface.receive(parsed(TOUCHING, boot_id=boot_id, sequence=number), now_s, f"at {boot_id}")
             surface.receive(parsed().model_copy(update={"samples": []}), now_s, "asking")
     assert surface.duplicate_senders.at(now_s) == ("at boot-0001", "at boot-0002")
-    answer = surface.answer(now_s)
-    assert not isinstance(answer, Problem)
-    assert answer.notes == ["senders"]
+    assert surface.view(now_s).notes == ["senders"]
 
 
 def test_a_misfit_has_two_decimals() -> None:
     surface = surface_of()
     surface.receive(parsed([0.5, 0.25, 0.251234]), NOW_S)
-    answer = surface.answer(NOW_S)
-    assert not isinstance(answer, Problem)
-    assert answer.misfit == (1.23, 30.0)
-    assert surface.contact(NOW_S).misfit == 1.23
+    view = surface.view(NOW_S)
+    assert (view.misfit, view.misfit_limit) == (1.23, 30.0)
+    assert contact_of(view).misfit == 1.23
 
 
 CHANGED = ChannelHealth(
@@ -237,23 +238,23 @@ def test_a_changed_channel_is_a_reason_for_a_technician_under_its_own_model_only
     channels = {"s1": CHANGED.model_copy(update={"changed": False}), "s3": CHANGED}
     for identity, found in ((model_of().identity, Kind.CHANGED_CHANNELS), ("other@1", None)):
         surface.health = SurfaceHealth(identity, channels)
-        assert surface.unready(NOW_S) is None
-        problem = surface.unready(NOW_S, healthy=True)
+        assert surface.view(NOW_S).problem is None
+        problem = surface.find_fault(NOW_S)
         assert (problem and problem.kind) == found
         assert (problem.channels if problem else []) == (["s3"] if found else [])
     assert surface.channel_health is None
     # What prevents a contact comes first.
-    assert isinstance(surface.unready(NOW_S + 9, healthy=True), Problem)
+    assert surface.find_fault(NOW_S + 9) == surface.view(NOW_S + 9).problem is not None
 
 
 def test_a_long_stretch_is_a_reason_only_for_a_technician() -> None:
     surface = surface_of(section=SurfaceSection(unexplained_after_s=0.01))
     surface.receive(parsed(RESTING, *[ODD] * 5), NOW_S)  # from the third on, 10 ms
-    assert surface.unready(NOW_S, healthy=True) is None
+    assert surface.find_fault(NOW_S) is None
     surface.receive(parsed(ODD, sequence=7, begin_us=1_795_218_046_123_456 + 30_000), NOW_S + 0.005)
-    problem = surface.unready(NOW_S + 0.005, healthy=True)
+    problem = surface.find_fault(NOW_S + 0.005)
     assert problem is not None
-    assert (problem.kind, surface.unready(NOW_S + 0.005)) == (Kind.UNEXPLAINED, None)
+    assert (problem.kind, surface.view(NOW_S + 0.005).problem) == (Kind.UNEXPLAINED, None)
     assert "for over 0.01 s" in problem.detail
 
 

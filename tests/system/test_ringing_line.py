@@ -16,8 +16,8 @@ from beamtouch_models.lab.rig.loads import Load
 from beamtouch_models.lab.rig.surface import Imperfections, VirtualSurface
 from beamtouch_models.runtime import ModelFile
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.view import View
 from support.surfaces.example_scenes import SCENES
 
 TOUCHES = 3
@@ -66,20 +66,20 @@ def line(model: ModelFile, pause: int = 0) -> Iterator[Moment]:
             lost = 0
 
 
-def answers(model: ModelFile, pause: int = 0) -> Iterator[tuple[Moment, Contact]]:
+def answers(model: ModelFile, pause: int = 0) -> Iterator[tuple[Moment, View]]:
     """Yield what the service answers to each sample."""
     service = Surface("bench", model)
     for moment in line(model, pause):
         batch = Batch(boot_id="boot-0001", channels=model.channels, newest_age_ms=0.0, samples=[moment.sample])
         service.receive(batch, moment.now_s)
-        if service.unready(moment.now_s) is None:
-            yield moment, service.contact(moment.now_s)
+        if (view := service.view(moment.now_s)).problem is None:
+            yield moment, view
 
 
 def test_a_beam_that_rings_is_touched_once_by_each_touch(bench: ModelFile) -> None:
     begins, state = [list[float]() for _ in range(TOUCHES)], "clear"
-    for moment, contact in answers(bench):
-        before, state = state, contact.state.value
+    for moment, view in answers(bench):
+        before, state = state, str(view.state)
         if (before, state) == ("clear", "contact"):
             begins[moment.touch].append(round(moment.since_s, 3))
     for touched in begins:
@@ -91,16 +91,14 @@ def test_no_contact_on_a_reading_or_two_is_sure_of_itself_while_a_module_pauses_
     bench: ModelFile,
 ) -> None:
     touched = [
-        (moment, contact)
-        for moment, contact in answers(bench, PAUSE)
-        if contact.state == "contact" and moment.load.force_n
+        (moment, view) for moment, view in answers(bench, PAUSE) if view.state == "contact" and moment.load.force_n
     ]
-    sure = [(moment, contact) for moment, contact in touched if "unsteady" not in contact.notes]
+    sure = [(moment, view) for moment, view in touched if "unsteady" not in view.notes]
     assert [one for one in sure if (one[0].sample.readings or 0) < 4] == []
     held = [
-        contact.position_low_mm <= (moment.load.position_mm or 0.0) <= contact.position_high_mm
-        for moment, contact in touched
-        if contact.position_low_mm is not None and contact.position_high_mm is not None
+        position.low <= (moment.load.position_mm or 0.0) <= position.high
+        for moment, view in touched
+        if (position := view.figures.position)
     ]
     assert len(held) > 200
     assert np.mean(held) > 0.95

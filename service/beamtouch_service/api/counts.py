@@ -44,8 +44,9 @@ def clock_ahead_s(surface: Surface, now_s: float) -> float | None:
 
     `now_s` is the time by the clock that ages are counted with.
     """
-    newest = surface.newest
-    if newest is None or surface.is_stale(now_s):
+    view = surface.view(now_s)
+    newest = view.newest
+    if newest is None or not view.is_current:
         return None
     return newest.sample.acquired_unix_us / 1e6 - (time() - (now_s - newest.acquired_s))
 

@@ -18,13 +18,13 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.api.counts import clock_ahead_s
-from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.samples import Quality
-from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.view import View
 
-Summaries = list[tuple[Surface, SurfaceSummary]]
+Views = list[tuple[Surface, View]]
+"""Surfaces, each with its view at one moment."""
 
 live_router = gate.make_router("health", Role.OPEN)
 router = gate.make_router("health", Role.READ)
@@ -91,7 +91,7 @@ class Figures(Collector):
         now_s = self._context.clock()
         self._add(_of_surfaces([], now_s))
         for surface in self._context.registry:
-            self._add(_of_surfaces([(surface, summary_of(surface, now_s))], now_s))
+            self._add(_of_surfaces([(surface, surface.view(now_s))], now_s))
             yield
 
     def _add(self, families: Iterable[Metric]) -> None:
@@ -107,12 +107,12 @@ class Figures(Collector):
         yield from self._families.values()
 
 
-def _of_surfaces(summaries: Summaries, now_s: float) -> Iterator[Metric]:
-    yield from _of_samples(summaries, now_s)
-    yield from _of_states(summaries, now_s)
-    yield from _of_zones(summaries, now_s)
-    yield from _of_channels(summaries, now_s)
-    yield from _of_health(summaries)
+def _of_surfaces(views: Views, now_s: float) -> Iterator[Metric]:
+    yield from _of_samples(views, now_s)
+    yield from _of_states(views)
+    yield from _of_zones(views)
+    yield from _of_channels(views)
+    yield from _of_health(views)
 
 
 def _of_record(recorder: Recorder) -> Iterator[Metric]:
@@ -135,7 +135,7 @@ def _of_record(recorder: Recorder) -> Iterator[Metric]:
         yield family
 
 
-def _of_samples(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+def _of_samples(views: Views, now_s: float) -> Iterator[Metric]:
     samples = CounterMetricFamily("beamtouch_samples_accepted", "New samples.", labels=["surface"])
     repeated = CounterMetricFamily("beamtouch_samples_repeated", "Samples received before.", labels=["surface"])
     # A gauge: a gap that is filled later is no longer missing.
@@ -146,23 +146,24 @@ def _of_samples(summaries: Summaries, now_s: float) -> Iterator[Metric]:
     ahead = GaugeMetricFamily("beamtouch_sender_clock_ahead_seconds", words, labels=["surface"])
     model = GaugeMetricFamily("beamtouch_model", "1 for the model in use.", labels=["surface", "model"])
     refused = GaugeMetricFamily("beamtouch_model_refused", "1 while the model file is not used.", labels=["surface"])
-    for surface, summary in summaries:
+    for surface, view in views:
         label = [surface.name]
-        samples.add_metric(label, summary.samples.accepted)
-        repeated.add_metric(label, summary.samples.repeated)
-        missing.add_metric(label, summary.samples.lost)
+        counts = surface.counts
+        samples.add_metric(label, counts.accepted)
+        repeated.add_metric(label, counts.repeated)
+        missing.add_metric(label, counts.lost)
         senders.add_metric(label, surface.sender_changes)
-        if summary.age_ms is not None:
-            age.add_metric(label, summary.age_ms / 1e3)
-        if summary.model is not None:
-            model.add_metric([surface.name, summary.model], 1)
-        refused.add_metric(label, summary.model_error is not None)
+        if view.age_ms is not None:
+            age.add_metric(label, view.age_ms / 1e3)
+        if view.model:
+            model.add_metric([surface.name, view.model.identity], 1)
+        refused.add_metric(label, surface.model_error is not None)
         if (ahead_s := clock_ahead_s(surface, now_s)) is not None:
             ahead.add_metric(label, ahead_s)
     yield from (samples, repeated, missing, senders, age, ahead, model, refused)
 
 
-def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+def _of_states(views: Views) -> Iterator[Metric]:
     words = "1 for the state that GET /contact gives; none where it gives a problem."
     states = GaugeMetricFamily("beamtouch_state", words, labels=["surface", "state"])
     words = "1 for the problem that GET /contact gives; none where it gives a state."
@@ -172,60 +173,59 @@ def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
     overdue = GaugeMetricFamily("beamtouch_unexplained", words, labels=["surface"])
     stretches = CounterMetricFamily("beamtouch_unexplained_stretches", "Unexplained stretches.", labels=["surface"])
     seconds = CounterMetricFamily("beamtouch_unexplained_seconds", "Total unexplained time.", labels=["surface"])
-    for surface, summary in summaries:
+    for surface, view in views:
         label = [surface.name]
         for state in State:
-            states.add_metric([surface.name, state.value], summary.state is state)
-        standing = surface.standing(now_s)
-        if isinstance(standing, Kind):
-            problems.add_metric([surface.name, standing.slug], 1)
-        for note in summary.notes:
+            states.add_metric([surface.name, state.value], view.state is state)
+        if view.problem:
+            problems.add_metric([surface.name, view.problem.kind.slug], 1)
+        for note in view.notes:
             notes.add_metric([surface.name, note], 1)
         # Without fresh samples, nothing is known of a surface.
-        overdue.add_metric(label, surface.unexplained.is_overdue and not surface.is_stale(now_s))
+        overdue.add_metric(label, surface.unexplained.is_overdue and view.is_current)
         stretches.add_metric(label, surface.unexplained.count)
         seconds.add_metric(label, surface.unexplained.total_s)
     yield from (states, problems, notes, overdue, stretches, seconds)
 
 
-def _of_zones(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+def _of_zones(views: Views) -> Iterator[Metric]:
     words = "1 for what GET /contact says of the zone; none where it says nothing."
     zones = GaugeMetricFamily("beamtouch_zone", words, labels=["surface", "zone", "answer"])
     words = "Times that a contact came to be inside the zone."
     entries = CounterMetricFamily("beamtouch_zone_entries", words, labels=["surface", "zone"])
-    for surface, _ in summaries:
-        answer = surface.answer(now_s)
-        states = {} if isinstance(answer, Problem) else answer.decision.zones.answers
-        for zone, count in surface.zone_entries.items():
+    for surface, view in views:
+        states = view.zones
+        for zone, count in view.zone_entries.items():
             entries.add_metric([surface.name, zone], count)
             for state in ZoneState if states.get(zone) else ():
                 zones.add_metric([surface.name, zone, state.value], states[zone] is state)
     yield from (zones, entries)
 
 
-def _of_channels(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+def _of_channels(views: Views) -> Iterator[Metric]:
     words = "1 for the quality of a channel in the newest sample."
     qualities = GaugeMetricFamily("beamtouch_channel_quality", words, labels=["surface", "channel", "quality"])
     words = "1 for a channel that has not been good for longer than degraded_after_s."
     out = GaugeMetricFamily("beamtouch_channel_out", words, labels=["surface", "channel"])
-    for surface, summary in summaries:
+    for surface, view in views:
+        channels_out = surface.channels_out.now
         # Without fresh samples, nothing is known of a channel; another replica may have them.
-        for name, found in () if surface.is_stale(now_s) else surface.qualities.items():
+        for name, found in view.qualities.items():
             for quality in Quality:
                 qualities.add_metric([surface.name, name, quality.value], found is quality)
-            out.add_metric([surface.name, name], name in summary.channels_out)
+            out.add_metric([surface.name, name], name in channels_out)
     yield from (qualities, out)
 
 
-def _of_health(summaries: Summaries) -> Iterator[Metric]:
+def _of_health(views: Views) -> Iterator[Metric]:
     labels = ["surface", "channel"]
     words = "Change of the gain since the baseline, in percent."
     gain = GaugeMetricFamily("beamtouch_gain_change_percent", words, labels=[*labels, "bound"])
     words = "Change of the deflection at rest since the baseline, in mm."
     zero = GaugeMetricFamily("beamtouch_zero_change_mm", words, labels=[*labels, "bound"])
     changed = GaugeMetricFamily("beamtouch_channel_changed", "1 if a channel has changed for certain.", labels=labels)
-    for surface, summary in summaries:
-        for name, one in (summary.health or {}).items():
+    for surface, _ in views:
+        for name, one in (surface.channel_health or {}).items():
             label = [surface.name, name]
             changed.add_metric(label, one.changed)
             gains = (one.gain_percent, one.gain_low_percent, one.gain_high_percent)

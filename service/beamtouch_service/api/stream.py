@@ -19,8 +19,8 @@ from starlette.types import Receive, Scope, Send
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery
-from beamtouch_service.surfaces.state import changing, state_of
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.view import View, contact_of
 
 MEDIA_TYPE = "text/event-stream"
 _ALIVE_S = 1.0
@@ -35,6 +35,30 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 router = gate.make_router("stream", Role.READ)
 
 
+def state_of(view: View) -> dict[str, Any]:
+    """Return the data of an event `state`: a contact or the problem that prevents it, and the channels."""
+    return {
+        "surface": view.surface,
+        "contact": None if view.problem else contact_of(view).model_dump(mode="json"),
+        "problem": view.problem and view.problem.body(),
+        "misfit_limit": view.misfit_limit,
+        "age_ms": view.age_ms,
+        "channels": [channel._asdict() for channel in view.channels],
+        "length_mm": view.model.metadata.length_mm if view.model else None,
+        "sequence": view.sequence,
+    }
+
+
+def _essence_of(state: dict[str, Any]) -> dict[str, Any]:
+    """Return a state without the members that change by time alone."""
+    essence = state | {"age_ms": None}
+    for name in ("contact", "problem"):
+        if essence[name]:
+            # The detail of a stale contact contains its age.
+            essence[name] = {key: value for key, value in essence[name].items() if key not in ("age_ms", "detail")}
+    return essence
+
+
 class Pace:
     """Chooses the events of a stream and their times. Pure: the caller gives the time."""
 
@@ -44,8 +68,8 @@ class Pace:
 
     def next(self, surface: Surface, now_s: float) -> str | None:
         """Return the data of the event to send at `now_s` [s, monotonic], or None if nothing changed."""
-        state = state_of(surface, now_s).model_dump(mode="json", exclude_unset=True)
-        essence = changing(state)
+        state = state_of(surface.view(now_s))
+        essence = _essence_of(state)
         if essence == self._sent and now_s - self._sent_s < _ALIVE_S:
             return None
         self._sent, self._sent_s = essence, now_s

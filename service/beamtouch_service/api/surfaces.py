@@ -1,22 +1,61 @@
-"""The routes `GET /contact` and `GET /surfaces`: contact, summary, model and beam; `surfaces/` has what they answer."""
+"""The routes `GET /contact` and `GET /surfaces`: contact, summary, model and beam; from views of `surfaces/view.py`."""
 
 from fastapi import Response
 from pydantic import BaseModel
 from starlette.requests import Request
 
 from beamtouch_common.zones import Zone
-from beamtouch_models.runtime import Accuracy, BeamDrawing, Calibration, ModelFile, Noise, Ranges
+from beamtouch_models.runtime import Accuracy, BeamDrawing, Calibration, ModelFile, Noise, Ranges, State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of
-from beamtouch_service.problems import ProblemError
+from beamtouch_service.problems import ProblemBody, ProblemError
+from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
 from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.order import SampleCounts
 from beamtouch_service.surfaces.problems import no_model
-from beamtouch_service.surfaces.state import SurfaceSummary, summary_of
+from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.view import contact_of
 
 contact_router = gate.make_router("contact", Role.READ)
 router = gate.make_router("surfaces", Role.READ)
 model_router = gate.make_router("model", Role.READ)
+
+
+class SurfaceSummary(BaseModel):
+    """Channels, model, state, ages and counts of one surface."""
+
+    name: str
+    model: str | None
+    """Name and fingerprint of the model; null without one."""
+    beam: str | None
+    """Identity of the beam and layout that the model is of; null without one."""
+    channels: list[str]
+    """Channels that a batch must contain, in the order of the model; empty without one."""
+    stale_ms: float
+    """No contact is served from a sample older than this."""
+    age_ms: float | None
+    """Age of the newest sample; null before the first."""
+    state: State | None
+    """State, as `GET /contact` gives it; null where that is a problem."""
+    problem: ProblemBody | None
+    """Problem that `GET /contact` answers with; null where there is a contact."""
+    notes: list[str]
+    """Notes, as `GET /contact` gives them."""
+    misfit: float | None
+    """Misfit, as `GET /contact` gives it; null where that is a problem."""
+    misfit_limit: float | None
+    """Its scale: neither rest nor a single contact explains a sample with a larger one."""
+    channels_out: dict[str, ChannelOut]
+    """Channels that have not been good for longer than `degraded_after_s`."""
+    wiring: str | None
+    """Cables that seem to be swapped, or a sensor that seems to be inverted: put right, they explain several contacts
+    that are unexplained as they are. Null if there is none."""
+    model_error: str | None
+    """Reason not to use the newest model file; null if it is used."""
+    samples: SampleCounts
+    health: dict[str, ChannelHealth] | None = None
+    """Channel -> how it has changed; empty before the first contact. Null without a model."""
 
 
 class SurfaceList(BaseModel):
@@ -73,7 +112,7 @@ async def get_surface_contact(request: Request, name: SurfaceInPath) -> Response
 
 
 def _contact(context: Context, name: str | None) -> Response:
-    contact = context.registry.chosen(name).contact(context.clock())
+    contact = contact_of(context.registry.chosen(name).view(context.clock()))
     context.counts.contacts.labels(contact.surface, contact.state.value).inc()
     return Response(contact.model_dump_json(), media_type="application/json")
 
@@ -83,13 +122,13 @@ async def get_surfaces(context: ContextParameter) -> SurfaceList:
     """Return all surfaces of this service."""
     context.require_all("Ask for /surfaces/NAME of each.")
     now_s = context.clock()
-    return SurfaceList(surfaces=[summary_of(surface, now_s) for surface in context.registry])
+    return SurfaceList(surfaces=[summarize(surface, now_s) for surface in context.registry])
 
 
 @router.get("/surfaces/{name}")
 async def get_surface(context: ContextParameter, name: SurfaceInPath) -> SurfaceSummary:
     """Return one surface: its channels, model, age limit, and counts of samples."""
-    return summary_of(context.registry.named(name), context.clock())
+    return summarize(context.registry.named(name), context.clock())
 
 
 @model_router.get("/surfaces/{name}/model")
@@ -106,6 +145,29 @@ async def get_beam(context: ContextParameter, name: SurfaceInPath) -> Beam:
     """
     model, zones = _model(context, name), context.registry.named(name).section.zones
     return Beam(model=model.identity, length_mm=model.metadata.length_mm, drawn=model.metadata.drawn, zones=zones)
+
+
+def summarize(surface: Surface, now_s: float) -> SurfaceSummary:
+    """Return the summary of a surface at `now_s` [s, monotonic]."""
+    view, model = surface.view(now_s), surface.model
+    return SurfaceSummary(
+        name=surface.name,
+        model=model.identity if model else None,
+        beam=model.metadata.beam if model else None,
+        channels=model.channels if model else [],
+        stale_ms=surface.stale_ms,
+        age_ms=view.age_ms,
+        state=view.state,
+        problem=view.problem and ProblemBody.model_validate(view.problem.body()),
+        notes=view.notes,
+        misfit=view.misfit,
+        misfit_limit=view.misfit_limit,
+        channels_out=surface.channels_out.now,
+        wiring=surface.wiring,
+        model_error=surface.model_error,
+        samples=surface.counts,
+        health=surface.channel_health,
+    )
 
 
 def _model(context: Context, name: str) -> ModelFile:

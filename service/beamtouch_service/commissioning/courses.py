@@ -17,8 +17,8 @@ _NEEDED = {Kind.NO_MODEL, Kind.NO_SAMPLES, Kind.STALE, Kind.OTHER_BEAM}
 
 def hides_presses(surface: Surface, now_s: float) -> Problem | None:
     """Return why nothing could be seen of a press at `now_s` [s, monotonic], or None."""
-    answer = surface.answer(now_s)
-    return answer if isinstance(answer, Problem) and answer.kind in _NEEDED else None
+    problem = surface.view(now_s).problem
+    return problem if problem and problem.kind in _NEEDED else None
 
 
 class Courses:

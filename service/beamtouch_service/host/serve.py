@@ -144,7 +144,7 @@ async def _report_progress(context: Context, *, manager: ServiceManager) -> None
     pause_s = min(PROGRESS_S, (manager.watchdog_s or PROGRESS_S) / 4)
     while True:
         for surface in context.registry:
-            surface.standing(context.clock())
+            surface.view(context.clock())
         manager.alive()
         await asyncio.sleep(pause_s)
 

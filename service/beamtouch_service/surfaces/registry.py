@@ -45,10 +45,11 @@ class Registry:
         """Raise ProblemError with the reasons unless each surface has a model and fresh samples at `now_s` [s].
 
         `parts` are the other parts of the service, each with why it is missing. If `healthy`, nothing may need a
-        technician, either, as `Surface.unready` says.
+        technician, either, as `Surface.find_fault` says.
         """
         self._require_any()
-        reasons = {surface.name: problem for surface in self if (problem := surface.unready(now_s, healthy=healthy))}
+        found = {one.name: one.find_fault(now_s) if healthy else one.view(now_s).problem for one in self}
+        reasons = {name: problem for name, problem in found.items() if problem}
         missing = {part: reason for part, reason in parts.items() if reason}
         if reasons or missing:
             said = [f"{name}: {problem.kind.title}" for name, problem in reasons.items()]

@@ -1,4 +1,4 @@
-"""One surface: its newest sample, and the contact that its model finds in it.
+"""One surface: takes batches, and gives a view of what their newest sample shows.
 
 No I/O and no clock: the caller gives the time, in seconds of the service's monotonic clock.
 """
@@ -7,21 +7,20 @@ import math
 from asyncio import Lock
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
-from beamtouch_models.runtime import ModelFile, State
-from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_models.runtime import ModelFile
+from beamtouch_service.problems import Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Quality, Sample
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces import problems
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, SurfaceHealth
-from beamtouch_service.surfaces.contact import Contact, ContactQuality, rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.follower import Decision, Follower
 from beamtouch_service.surfaces.freshness import Moment, SampleClock, Transit
 from beamtouch_service.surfaces.listeners import Listeners
 from beamtouch_service.surfaces.order import DuplicateSenders, Order, SampleCounts
 from beamtouch_service.surfaces.unexplained import UnexplainedTracker
+from beamtouch_service.surfaces.view import Newest, View
 
 _DEFAULTS = SurfaceSection()
 SENDER_GONE_S = 10.0
@@ -49,56 +48,8 @@ class Received:
         return {one.estimate.sample.sequence: one.estimate for one in self.decisions}
 
 
-@dataclass(frozen=True, slots=True)
-class Newest:
-    """The newest sample and the decision on it."""
-
-    boot_id: str
-    channels: list[str]
-    """The names of the values in the sample."""
-    sample: Sample
-    acquired_s: float
-    sender_notes: list[str]
-    """Notes on the sender: its own, and what the service says of it."""
-    decided: tuple[ModelFile, Decision] | None = None
-    """None without a model."""
-
-    def age_ms(self, now_s: float) -> float:
-        """Return the age at `now_s` [s, monotonic], rounded."""
-        return round((now_s - self.acquired_s) * 1e3, 1)
-
-    @property
-    def bad(self) -> Mapping[str, Quality]:
-        """Channels of the model that took no part."""
-        return self.decided[1].estimate.bad if self.decided else {}
-
-
-class Answer(NamedTuple):
-    """The newest sample with a decision that stands."""
-
-    newest: Newest
-    model: ModelFile
-    decision: Decision
-
-    @property
-    def state(self) -> State:
-        """The state."""
-        return self.decision.held
-
-    @property
-    def notes(self) -> list[str]:
-        """Notes on the sender and on the sample."""
-        return [*self.newest.sender_notes, *self.decision.notes(self.model)]
-
-    @property
-    def misfit(self) -> tuple[float, float]:
-        """The misfit and its limit, rounded."""
-        misfit, limit = self.decision.misfit(self.model)
-        return round(misfit, 2), round(limit, 2)
-
-
 class Surface:
-    """One surface: takes batches, gives the contact."""
+    """One surface: takes batches, gives views."""
 
     def __init__(self, name: str, model: ModelFile | None = None, section: SurfaceSection = _DEFAULTS) -> None:
         self.name, self.section = name, section
@@ -125,7 +76,7 @@ class Surface:
         """The unexplained stretches in the samples that moved the answer."""
         self.channels_out = ChannelsOut(section.degraded_after_s)
         """The channels that were not good for too long in these samples."""
-        self.zone_entries = dict.fromkeys(section.zones, 0)
+        self.zone_entries: Mapping[str, int] = dict.fromkeys(section.zones, 0)
         """Zone -> times that a contact came to be inside it since the start."""
         self.health: SurfaceHealth | None = None
         """Health of the sensors, as the recorder finds it in the events so far."""
@@ -234,81 +185,51 @@ class Surface:
         self.channels_out.add(decision.estimate.sample.acquired_unix_us, decision.estimate.bad, moment.passed_s)
         self.unexplained.add(decision, moment.passed_s)
         for zone in decision.zones.entered:
-            self.zone_entries[zone] += 1
+            # Replaced as a whole, because a view has it.
+            self.zone_entries = {**self.zone_entries, zone: self.zone_entries[zone] + 1}
 
-    def answer(self, now_s: float) -> Answer | Problem:
-        """Return the newest sample with its decision at `now_s` [s, monotonic], or why there is none."""
-        if self.model is None:
+    def view(self, now_s: float) -> View:
+        """Return this surface as of `now_s` [s, monotonic]."""
+        newest, model = self.newest, self.model
+        # Compared before rounding, so that the limit is exact.
+        is_current = newest is not None and (now_s - newest.acquired_s) * 1e3 <= self.stale_ms
+        problem = self._find_problem(model, newest, now_s, is_current=is_current)
+        decided = newest.decided if newest and problem is None else None
+        by, decision = decided or (None, None)
+        return View(self.name, now_s, model, newest, is_current, problem, by, decision, self.zone_entries)
+
+    def _find_problem(
+        self, model: ModelFile | None, newest: Newest | None, now_s: float, *, is_current: bool
+    ) -> Problem | None:
+        """Return the problem that prevents a contact at `now_s` [s, monotonic]; None if there is none."""
+        if model is None:
             return problems.no_model(self.name, self.model_error)
-        newest = self.newest
         other_beam = self._other_beam(self.sender_beam) if now_s - self._sender_s <= SENDER_GONE_S else None
-        if other_beam and (newest is None or self.is_stale(now_s)):
+        if other_beam and not is_current:
             return other_beam
         if newest is None:
             return problems.no_samples(self.name)
-        if self.is_stale(now_s):
+        if not is_current:
             return problems.stale(self.name, newest.age_ms(now_s), self.stale_ms)
         # A model that came after the newest sample has not seen it.
-        if newest.decided is None:
-            return problems.no_samples(self.name)
-        model, decision = newest.decided
-        return decision.problem or Answer(newest, model, decision)
+        return newest.decided[1].problem if newest.decided else problems.no_samples(self.name)
 
-    def contact(self, now_s: float) -> Contact:
-        """Return the contact as of `now_s` [s, monotonic].
+    def find_fault(self, now_s: float) -> Problem | None:
+        """Return the first reason for which a technician must come at `now_s` [s, monotonic]; None without one.
 
-        Raises
-        ------
-        ProblemError
-            There is none: no model, no samples, a stale sample, too few channels, or no usable estimate.
+        It is the problem that prevents a contact, a channel that is out or has changed for certain, zeros that have
+        moved, or a long unexplained stretch.
         """
-        answer = self.answer(now_s)
-        if isinstance(answer, Problem):
-            # A new exception each time: one that is raised again collects tracebacks.
-            raise ProblemError(answer)
-        newest, decision, degraded = answer.newest, answer.decision, list(answer.newest.bad)
-        return Contact(
-            surface=self.name,
-            state=answer.state,
-            **decision.figures._asdict(),
-            age_ms=newest.age_ms(now_s),
-            sampled_at=rfc3339(newest.sample.acquired_unix_us),
-            sequence=newest.sample.sequence,
-            readings=newest.sample.readings,
-            misfit=answer.misfit[0],
-            quality=ContactQuality.DEGRADED if degraded else ContactQuality.GOOD,
-            degraded_channels=degraded,
-            notes=answer.notes,
-            model=answer.model.identity,
-            zones=decision.zones.answers,
-        )
-
-    def standing(self, now_s: float) -> State | Kind:
-        """Return the state at `now_s` [s, monotonic], or the kind of the problem that prevents a contact."""
-        answer = self.answer(now_s)
-        return answer.kind if isinstance(answer, Problem) else answer.state
-
-    def is_stale(self, now_s: float) -> bool:
-        """Return whether the newest sample is too old at `now_s` [s, monotonic]; False before the first."""
-        # Compared before rounding, so that the limit is exact.
-        return self.newest is not None and (now_s - self.newest.acquired_s) * 1e3 > self.stale_ms
-
-    def unready(self, now_s: float, *, healthy: bool = False) -> Problem | None:
-        """Return why this surface has no contact at `now_s` [s, monotonic], or None if it has one.
-
-        If `healthy`, whatever a technician must come for is a reason, too: a channel that is out or has changed for
-        certain, zeros that have moved, and a long unexplained stretch.
-        """
-        answer = self.answer(now_s)
-        if isinstance(answer, Problem):
-            return answer
-        if healthy and self.channels_out.any:
+        view = self.view(now_s)
+        if view.decision is None:
+            return view.problem
+        if self.channels_out.any:
             return problems.channels_out(self.name, self.channels_out.now)
-        if healthy and Note.ZEROS in answer.notes:
+        if Note.ZEROS in view.notes:
             return problems.zeros_moved(self.name)
-        if healthy and self.unexplained.is_overdue:
-            return problems.unexplained(self.name, self.unexplained.after_s, answer.decision.suspect)
-        changed = [name for name, one in (self.channel_health or {}).items() if one.changed] if healthy else []
+        if self.unexplained.is_overdue:
+            return problems.unexplained(self.name, self.unexplained.after_s, view.decision.suspect)
+        changed = [name for name, one in (self.channel_health or {}).items() if one.changed]
         return problems.changed_channels(self.name, changed) if changed else None
 
     @property
@@ -316,16 +237,6 @@ class Surface:
         """Channel -> how it has changed; None if nothing can be said with the model in use."""
         health = self.health
         return health.channels if health and self.model and health.model == self.model.identity else None
-
-    @property
-    def qualities(self) -> dict[str, Quality]:
-        """The channels of the model, or without one of the sender, with their quality in the newest sample."""
-        newest = self.newest
-        if newest is None:
-            return {}
-        sent = dict(zip(newest.channels, newest.sample.quality, strict=True))
-        names = self.model.channels if self.model else newest.channels
-        return {name: newest.bad.get(name) or sent.get(name, Quality.MISSING) for name in names}
 
     def _other_beam(self, stated: str | None) -> Problem | None:
         """Return the problem of samples that state a beam, if it is another one than that of the model."""

@@ -40,11 +40,11 @@ def test_a_service_that_stands_still_is_not_alive(start_press: StartService, man
     stuck = (
         "import os, time\n"
         "from beamtouch_service.surfaces import surface\n"
-        "held = surface.Surface.standing\n"
+        "held = surface.Surface.view\n"
         "def hang(self, now_s):\n"
         f"    if os.path.exists({str(sign)!r}): time.sleep(60)\n"
         "    return held(self, now_s)\n"
-        "surface.Surface.standing = hang\n"
+        "surface.Surface.view = hang\n"
     )
     start_press(code=f"{manager.code}\n{stuck}")
     assert manager.until("READY=1")

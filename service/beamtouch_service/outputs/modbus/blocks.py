@@ -5,7 +5,6 @@ from collections.abc import Iterable
 
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, Type
 from beamtouch_service.outputs.modbus.section import WordOrder
-from beamtouch_service.outputs.modbus.snapshot import snapshot
 from beamtouch_service.surfaces.surface import Surface
 
 _HALVES = struct.Struct(">HH")
@@ -42,10 +41,10 @@ class Blocks:
         return words[address - first * BLOCK : end - first * BLOCK]
 
     def _block(self, surface: Surface, now_s: float) -> list[int]:
-        values, block = snapshot(surface, now_s), [0] * BLOCK
+        view, block = surface.view(now_s), [0] * BLOCK
         for register in REGISTERS:
             end = register.offset + register.type.count
-            block[register.offset : end] = self._words(register.type, register.value(values))
+            block[register.offset : end] = self._words(register.type, register.value(view))
         return block
 
     def _words(self, kind: Type, value: float) -> list[int]:

@@ -12,10 +12,9 @@ from math import ceil, nan
 
 from beamtouch_common.zones import MAX_ZONES, ZoneState
 from beamtouch_models.runtime import State
-from beamtouch_service.outputs.modbus.snapshot import Snapshot
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
-from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.view import View
 
 BLOCK = 50
 """Registers of one surface. Those without a meaning yet read as 0."""
@@ -68,7 +67,7 @@ class Register:
     name: str
     type: Type
     meaning: str
-    value: Callable[[Snapshot], float]
+    value: Callable[[View], float]
 
 
 def identity(surface: str) -> int:
@@ -77,48 +76,57 @@ def identity(surface: str) -> int:
 
 
 def _figure(offset: int, name: str, meaning: str) -> Register:
-    def value(one: Snapshot) -> float:
-        found: float | None = getattr(one.contact, name, None)
-        return nan if found is None else found
+    def value(view: View) -> float:
+        figure: float | None = getattr(view.figures, name)
+        return nan if figure is None else figure
 
     return Register(offset, name, Type.FLOAT32, meaning, value)
 
 
 def _quality(offset: int, quality: Quality, meaning: str) -> Register:
-    return Register(
-        offset, quality.value.replace("-", "_"), Type.CHANNELS, meaning, lambda one: one.channel_bits(quality)
-    )
+    def bits(view: View) -> int:
+        return _bits(view, {name for name, bad in view.bad.items() if bad is quality})
+
+    return Register(offset, quality.value.replace("-", "_"), Type.CHANNELS, meaning, bits)
 
 
-def _state(one: Snapshot) -> int:
-    return STATES[one.outcome.state if isinstance(one.outcome, Contact) else one.outcome][0]
+def _check(view: View) -> int:
+    return _bits(view, {note.removeprefix("check-") for note in view.notes if note.startswith("check-")})
 
 
-def _notes(one: Snapshot) -> int:
-    return sum(1 << note.bit for note in Note if note in one.notes)
+def _bits(view: View, names: set[str]) -> int:
+    """Return a bit for each of these channels, the first channel of the model in the lowest bit."""
+    # Almost always there are none.
+    if not names or view.model is None:
+        return 0
+    return sum(1 << place for place, name in enumerate(view.model.channels) if name in names)
 
 
-def _age_ms(one: Snapshot) -> int:
+def _notes(view: View) -> int:
+    notes = view.notes
+    return sum(1 << note.bit for note in Note if note in notes)
+
+
+def _age_ms(view: View) -> int:
     """Return the age [ms], rounded up so that no sample seems younger than it is."""
-    return MAX_UINT16 if one.age_ms is None else min(max(ceil(one.age_ms), 0), MAX_UINT16)
+    return MAX_UINT16 if view.age_ms is None else min(max(ceil(view.age_ms), 0), MAX_UINT16)
 
 
-def _zones(one: Snapshot) -> int:
-    states = one.contact.zones.values() if one.contact else ()
-    return sum(ZONE_CODES[state] << 2 * place for place, state in enumerate(states))
+def _zones(view: View) -> int:
+    return sum(ZONE_CODES[state] << 2 * place for place, state in enumerate(view.zones.values()))
 
 
 def _entries(place: int) -> Register:
-    def value(one: Snapshot) -> int:
-        counts = list(one.surface.zone_entries.values())
+    def value(view: View) -> int:
+        counts = list(view.zone_entries.values())
         return counts[place] & MAX_UINT16 if place < len(counts) else 0
 
     meaning = f"entries into zone {place + 1} since the service started; wraps to 0 after 65535"
     return Register(43 + place, f"zone_{place + 1}_entries", Type.UINT16, meaning, value)
 
 
-def _readings(one: Snapshot) -> int:
-    return min(one.contact.readings or 0, MAX_UINT16) if one.contact else 0
+def _readings(view: View) -> int:
+    return min(view.readings or 0, MAX_UINT16)
 
 
 REGISTERS = (
@@ -127,16 +135,22 @@ REGISTERS = (
         "identity",
         Type.UINT16,
         "CRC-16/XMODEM of the surface's name; compare it before you trust the block",
-        lambda one: identity(one.surface.name),
+        lambda view: identity(view.surface),
     ),
     Register(
         1,
         "heartbeat",
         Type.UINT16,
         "counts up 10 times a second and wraps to 0 after 65535",
-        lambda one: int(one.now_s * _HEARTBEAT_PER_S) & MAX_UINT16,
+        lambda view: int(view.now_s * _HEARTBEAT_PER_S) & MAX_UINT16,
     ),
-    Register(2, "state", Type.UINT16, "see below; position and force are numbers only with 2", _state),
+    Register(
+        2,
+        "state",
+        Type.UINT16,
+        "see below; position and force are numbers only with 2",
+        lambda view: STATES[view.status][0],
+    ),
     Register(3, "notes", Type.NOTES, "see below; 0 from state 16 on", _notes),
     Register(4, "age_ms", Type.UINT16, "age of the newest sample, rounded up; 65535: more, or no sample", _age_ms),
     Register(5, "readings", Type.UINT16, "readings in the sample; 65535: or more; 0: not known", _readings),
@@ -145,7 +159,7 @@ REGISTERS = (
         "sequence",
         Type.UINT32,
         "number of the newest sample, its lower 32 bits; 0 before the first",
-        lambda one: one.sequence & 0xFFFF_FFFF,
+        lambda view: (view.sequence or 0) & 0xFFFF_FFFF,
     ),
     _figure(8, "position_mm", "from the left end of the beam; NaN unless the state is 2"),
     _figure(10, "position_low_mm", "lower end of the 95 % interval; NaN as above"),
@@ -165,7 +179,7 @@ REGISTERS = (
         "check",
         Type.CHANNELS,
         "the channel that contradicts the others (`check-NAME`); only with state 3",
-        lambda one: one.check_bits,
+        _check,
     ),
     _quality(26, Quality.OUT_OF_RANGE, "channels whose gap is outside the range of the sensor"),
     _quality(30, Quality.SATURATED, "channels whose counts stand at the end of the ADC"),

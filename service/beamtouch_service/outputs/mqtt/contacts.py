@@ -13,8 +13,9 @@ from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.mqtt.connection import Connection
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
 from beamtouch_service.outputs.mqtt.pace import Pace
-from beamtouch_service.problems import MEDIA_TYPE, ProblemError
+from beamtouch_service.problems import MEDIA_TYPE
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.view import contact_of
 
 
 class ContactSender:
@@ -68,11 +69,11 @@ class ContactSender:
 
     async def _send(self, connection: Connection, surface: Surface) -> None:
         now_s, limit_s = self._context.clock(), surface.stale_ms / 1e3
-        try:
-            contact = surface.contact(now_s)
-        except ProblemError as error:
-            text, content_type, age_s = errors.encode(error.problem), MEDIA_TYPE, 0.0
+        view = surface.view(now_s)
+        if view.problem:
+            text, content_type, age_s = errors.encode(view.problem), MEDIA_TYPE, 0.0
         else:
+            contact = contact_of(view)
             text, content_type, age_s = contact.model_dump_json().encode(), JSON, contact.age_ms / 1e3
         topic = self._topics.contact(surface.name)
         await connection.send(topic, text, properties(content_type, surface.stale_ms), limit_s - age_s)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from beamtouch_models.runtime import State
 from beamtouch_service.problems import Kind
-from beamtouch_service.surfaces.surface import Newest, Surface
+from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.view import Newest
 
 ALIVE_S = 0.9
 """Without a new sample, a surface is due again after this time. Some delay is left to the second that is promised."""
@@ -17,7 +18,7 @@ _AFTER_LIMIT_S = 1e-3
 class _Sent:
     """The last message about a surface."""
 
-    standing: State | Kind
+    status: State | Kind
     newest: Newest | None
     at_s: float
 
@@ -46,7 +47,7 @@ class Pace:
     def sent(self, surfaces: Iterable[Surface], now_s: float) -> None:
         """Note that these surfaces are about to be told at `now_s` [s]."""
         for surface in surfaces:
-            self._sent[surface.name] = _Sent(surface.standing(now_s), surface.newest, now_s)
+            self._sent[surface.name] = _Sent(surface.view(now_s).status, surface.newest, now_s)
         if now_s >= self._next_turn_s:
             in_step_s = self._next_turn_s + self._turn_s
             self._next_turn_s = in_step_s if in_step_s > now_s else now_s + self._turn_s
@@ -58,13 +59,13 @@ class Pace:
 
     def _has_changed(self, surface: Surface, now_s: float) -> bool:
         sent = self._sent.get(surface.name)
-        return sent is None or surface.standing(now_s) is not sent.standing
+        return sent is None or surface.view(now_s).status is not sent.status
 
     def _is_due(self, surface: Surface, now_s: float) -> bool:
         sent = self._sent.get(surface.name)
         if sent is None or self._has_changed(surface, now_s) or now_s - sent.at_s >= ALIVE_S:
             return True
-        has_moved = isinstance(sent.standing, State) and surface.newest is not sent.newest
+        has_moved = isinstance(sent.status, State) and surface.newest is not sent.newest
         return has_moved and now_s >= self._next_turn_s
 
     def _look_s(self, surface: Surface, now_s: float) -> float:
@@ -73,7 +74,7 @@ class Pace:
         if sent is None:
             return now_s
         look_s = sent.at_s + ALIVE_S
-        if not isinstance(sent.standing, State) or surface.newest is None:
+        if not isinstance(sent.status, State) or surface.newest is None:
             return look_s
         stale_s = surface.newest.acquired_s + surface.stale_ms / 1e3 + _AFTER_LIMIT_S
         # A sample before the next turn is due at the turn. A sample after it is news.

@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 def status_of(surface: Surface, now_s: float) -> bytes:
     """Return what `GET /health/ready?health=true` says of a surface at `now_s` [s, monotonic], in one word."""
-    problem = surface.unready(now_s, healthy=True)
+    problem = surface.find_fault(now_s)
     channels = problem.channels if problem else []
     return json.dumps(
         {"surface": surface.name, "status": problem.kind.slug if problem else READY, "channels": channels}

@@ -11,9 +11,10 @@ from typing import NamedTuple
 from asyncua import ua
 
 from beamtouch_models.runtime import State
-from beamtouch_service.problems import Kind, ProblemError
-from beamtouch_service.surfaces.contact import Contact, Figures
+from beamtouch_service.problems import Kind
+from beamtouch_service.surfaces.contact import Figures
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.view import View
 
 _BAD = {
     Kind.STALE: ua.StatusCodes.BadNoCommunication,
@@ -33,17 +34,17 @@ class Variable(NamedTuple):
     """A variable of a surface."""
 
     kind: ua.VariantType
-    of: Callable[[Contact], object]
-    """Its value; None if the contact has none."""
+    of: Callable[[View], object]
+    """Its value; None if there is none."""
     meaning: str
 
 
-def _figure(name: str) -> Callable[[Contact], object]:
-    return lambda contact: getattr(contact, name)
+def _figure(name: str) -> Callable[[View], object]:
+    return lambda view: getattr(view.figures, name)
 
 
 VARIABLES: Mapping[str, Variable] = {
-    "state": Variable(ua.VariantType.String, lambda one: one.state.value, "contact, clear or unexplained"),
+    "state": Variable(ua.VariantType.String, lambda view: view.state, "contact, clear or unexplained"),
     **{
         name: Variable(ua.VariantType.Double, _figure(name), f"{words}, while there is a contact")
         for name, words in zip(
@@ -56,14 +57,12 @@ VARIABLES: Mapping[str, Variable] = {
             strict=True,
         )
     },
-    "age_ms": Variable(ua.VariantType.Double, lambda one: one.age_ms, "age of the sample [ms]"),
-    "sequence": Variable(ua.VariantType.UInt64, lambda one: one.sequence, "number of the sample"),
-    "misfit": Variable(ua.VariantType.Double, lambda one: one.misfit, "misfit of rest or of the best contact"),
-    "notes": Variable(ua.VariantType.String, lambda one: " ".join(one.notes), "limits of the answer, as words"),
-    "degraded_channels": Variable(
-        ua.VariantType.String, lambda one: " ".join(one.degraded_channels), "channels that took no part"
-    ),
-    "model": Variable(ua.VariantType.String, lambda one: one.model, "the model that gave the answer"),
+    "age_ms": Variable(ua.VariantType.Double, lambda view: view.age_ms, "age of the sample [ms]"),
+    "sequence": Variable(ua.VariantType.UInt64, lambda view: view.sequence, "number of the sample"),
+    "misfit": Variable(ua.VariantType.Double, lambda view: view.misfit, "misfit of rest or of the best contact"),
+    "notes": Variable(ua.VariantType.String, lambda view: " ".join(view.notes), "limits of the answer, as words"),
+    "degraded_channels": Variable(ua.VariantType.String, lambda view: " ".join(view.bad), "channels that took no part"),
+    "model": Variable(ua.VariantType.String, lambda view: view.answered_by, "the model that gave the answer"),
 }
 """Name -> variable, of every surface. All belong to one sample."""
 
@@ -75,7 +74,7 @@ def variables_of(surface: Surface) -> dict[str, Variable]:
 
 def _zone(name: str) -> Variable:
     meaning = "inside, outside or unsure, while there is a contact to judge or the beam is clear"
-    return Variable(ua.VariantType.String, lambda contact: contact.zones.get(name), meaning)
+    return Variable(ua.VariantType.String, lambda view: view.zones.get(name), meaning)
 
 
 def values(surface: Surface, now_s: float, now: datetime) -> dict[str, ua.DataValue]:
@@ -83,17 +82,15 @@ def values(surface: Surface, now_s: float, now: datetime) -> dict[str, ua.DataVa
 
     The source time is the sample's, by the sender's clock; without a sample that counts it is `now`.
     """
-    try:
-        contact = surface.contact(now_s)
-    except ProblemError as error:
-        status = ua.StatusCode(_BAD.get(error.problem.kind, ua.StatusCodes.BadInternalError))
-        return {name: _value(None, one.kind, status, now, now) for name, one in variables_of(surface).items()}
-    is_doubtful = contact.notes or contact.degraded_channels or contact.state is State.UNEXPLAINED
+    view, variables = surface.view(now_s), variables_of(surface)
+    if view.newest is None or view.problem:
+        code = _BAD.get(view.problem.kind) if view.problem else None
+        status = ua.StatusCode(code or ua.StatusCodes.BadInternalError)
+        return {name: _value(None, one.kind, status, now, now) for name, one in variables.items()}
+    is_doubtful = view.notes or view.bad or view.state is State.UNEXPLAINED
     status = ua.StatusCode(DOUBTFUL if is_doubtful else GOOD)
-    sampled = datetime.fromisoformat(contact.sampled_at).astimezone(UTC)
-    return {
-        name: _value(one.of(contact), one.kind, status, sampled, now) for name, one in variables_of(surface).items()
-    }
+    sampled = datetime.fromtimestamp(view.newest.sample.acquired_unix_us // 1000 / 1e3, UTC)
+    return {name: _value(one.of(view), one.kind, status, sampled, now) for name, one in variables.items()}
 
 
 def _value(
