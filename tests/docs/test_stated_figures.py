@@ -37,7 +37,7 @@ from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.errors import MAX_ERRORS
 from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
-from beamtouch_service.commissioning import course, pressing, verdict
+from beamtouch_service.commissioning import pressing, run, verdict
 from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.host.serve import IDLE_S
 from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
@@ -201,7 +201,7 @@ STATED = {
         f"by about {WORDS[100 * recordings.STATED.force]} percent (standard deviations)",
     ],
     "docs/how-to/commission-on-the-page.md": [
-        f"Press at the {WORDS[course.PLACES]} marks",
+        f"Press at the {WORDS[run.PLACES]} marks",
         f"elsewhere for {WORDS[pressing.SETTLED_US // 1_000_000]} seconds",
         f"an error passes up to {verdict.PRESS_MM:g} mm",
         f"keeps the last {MAX_KEPT} results",

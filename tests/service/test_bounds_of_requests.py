@@ -55,8 +55,8 @@ def test_the_time_between_two_events_of_a_stream_has_bounds(bench: Bench, interv
 @pytest.mark.parametrize(
     ("query", "place"),
     [
-        *[("course=c&step=0", None), ("course=c&step=1000", None), (f"course={'c' * 64}&step=1", None)],
-        *[("course=c&step=-1", "step"), ("course=c&step=1001", "step"), (f"course={'c' * 65}&step=1", "course")],
+        *[("run=c&step=0", None), ("run=c&step=1000", None), (f"run={'c' * 64}&step=1", None)],
+        *[("run=c&step=-1", "step"), ("run=c&step=1001", "step"), (f"run={'c' * 65}&step=1", "run")],
     ],
 )
 def test_a_step_of_a_commissioning_has_bounds(bench: Bench, query: str, place: str | None) -> None:
@@ -69,7 +69,7 @@ def test_a_step_of_a_commissioning_has_bounds(bench: Bench, query: str, place: s
 
 @pytest.mark.parametrize(("by", "is_taken"), [("A", True), ("A" * 80, True), ("", False), ("A" * 81, False)])
 def test_a_name_of_a_person_has_bounds(bench: Bench, by: str, is_taken: bool) -> None:
-    answer = bench.post(b"", f"/surfaces/press-7/commissioning/confirm?course=c&by={by}")
+    answer = bench.post(b"", f"/surfaces/press-7/commissioning/confirm?run=c&by={by}")
     assert answer.status_code == (404 if is_taken else 422)
 
 

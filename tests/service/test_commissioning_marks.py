@@ -18,7 +18,7 @@ STEP_US, SECOND = 10_000, 105
 PASSED = "Every sensor moves as it should, and the surface finds each mark."
 
 
-class Course:
+class Commissioning:
     """A commissioning of the bench, all of whose sensors work."""
 
     def __init__(self, model: Path) -> None:
@@ -30,13 +30,13 @@ class Course:
     def follow(self, *, skipped: int | None = None, off_mm: Mapping[int, float] | None = None) -> dict[str, Any]:
         """Press as asked, but skip one step, and press some so far from the asked place; return the report."""
         self._send(0.0, 0.0)
-        begun = self.bench.post(b"", PATH, TOKEN).json()["course"]
+        begun = self.bench.post(b"", PATH, TOKEN).json()["run"]
         self._send(0.0, 0.0)
         for step in range(begun["steps"]):
             now = self._now
             assert now["step"] == step
             if step == skipped:
-                answer = self.bench.post(b"", f"{PATH}/skip?course={begun['id']}&step={step}", TOKEN)
+                answer = self.bench.post(b"", f"{PATH}/skip?run={begun['id']}&step={step}", TOKEN)
                 assert answer.status_code == 200
                 self._send(0.0, 0.0)
             else:
@@ -44,7 +44,7 @@ class Course:
                 self._send(at_mm, FORCE_N)
                 self._send(0.0, 0.0)
         report: dict[str, Any] = self._now["report"]
-        answer = self.bench.post(b"", f"{PATH}/confirm?course={begun['id']}&by=Ann", TOKEN)
+        answer = self.bench.post(b"", f"{PATH}/confirm?run={begun['id']}&by=Ann", TOKEN)
         assert answer.json()["passed"] == report["passed"]
         text = self.bench.get(f"{PATH}s/1?format=text").text
         assert ("NOT PASSED" in text) != report["passed"]
@@ -52,7 +52,7 @@ class Course:
 
     @property
     def _now(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.bench.get(PATH).json()["course"]
+        found: dict[str, Any] = self.bench.get(PATH).json()["run"]
         return found
 
     def _send(self, at_mm: float, force_n: float) -> None:
@@ -64,16 +64,16 @@ class Course:
 
 
 @pytest.fixture
-def course(bench_model: Path) -> Course:
-    return Course(bench_model)
+def commissioning(bench_model: Path) -> Commissioning:
+    return Commissioning(bench_model)
 
 
 @pytest.mark.promise(
     "docs/how-to/commission-on-the-page.md",
     "an error passes up to 5 mm, for your aim, and half the interval",
 )
-def test_presses_as_asked_pass(course: Course) -> None:
-    report = course.follow()
+def test_presses_as_asked_pass(commissioning: Commissioning) -> None:
+    report = commissioning.follow()
     assert report["passed"]
     assert report["verdict"][0] == PASSED
     assert all(place["says"].endswith(" mm") and ", within " in place["says"] for place in report["places"])
@@ -87,8 +87,8 @@ def test_presses_as_asked_pass(course: Course) -> None:
     ),
 )
 @pytest.mark.parametrize("mark", [0, 2])
-def test_a_mark_that_was_skipped_does_not_pass(course: Course, mark: int) -> None:
-    report = course.follow(skipped=course.sensors + mark)
+def test_a_mark_that_was_skipped_does_not_pass(commissioning: Commissioning, mark: int) -> None:
+    report = commissioning.follow(skipped=commissioning.sensors + mark)
     assert not report["passed"]
     assert PASSED not in report["verdict"]
     assert report["places"][mark]["says"] == "the press was not seen"
@@ -96,15 +96,17 @@ def test_a_mark_that_was_skipped_does_not_pass(course: Course, mark: int) -> Non
     assert f"At {at_mm:g} mm: the press was not seen." in report["verdict"]
 
 
-def test_a_sensor_that_was_skipped_does_not_pass(course: Course) -> None:
-    report = course.follow(skipped=1)
+def test_a_sensor_that_was_skipped_does_not_pass(commissioning: Commissioning) -> None:
+    report = commissioning.follow(skipped=1)
     assert not report["passed"]
     assert PASSED not in report["verdict"]
 
 
 @pytest.mark.parametrize("off_mm", [-50.0, 50.0])
-def test_a_mark_that_is_found_elsewhere_does_not_pass_on_either_side(course: Course, off_mm: float) -> None:
-    report = course.follow(off_mm={course.sensors + 1: off_mm})
+def test_a_mark_that_is_found_elsewhere_does_not_pass_on_either_side(
+    commissioning: Commissioning, off_mm: float
+) -> None:
+    report = commissioning.follow(off_mm={commissioning.sensors + 1: off_mm})
     place = report["places"][1]
     assert place["error_mm"] == pytest.approx(off_mm, abs=3.0)
     assert place["allowed_mm"] < 20.0

@@ -162,7 +162,7 @@ def test_zeros_may_drift_before_a_press_while_the_surface_is_clear() -> None:
     "A faulty sensor does not stop it: go on to the end, and you know all faults at once.",
     "if it settles elsewhere for ten seconds, the page asks for the press again.",
 )
-def test_a_channel_that_jumps_and_stays_does_not_stop_the_course() -> None:
+def test_a_channel_that_jumps_and_stays_does_not_stop_the_run() -> None:
     samples = Samples()
     samples.add(RESTING)
     samples.add([0.5, 0.2, 0.1])

@@ -77,8 +77,8 @@ def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
         for name in ("left", "right")
         for number in range(results.MAX_KEPT + 2)
     ]
-    numbers = [results.add(transactions, f"course-{index}", report) for index, report in enumerate(reports)]
-    assert results.add(transactions, f"course-{len(reports) - 1}", reports[-1]) == numbers[-1]
+    numbers = [results.add(transactions, f"run-{index}", report) for index, report in enumerate(reports)]
+    assert results.add(transactions, f"run-{len(reports) - 1}", reports[-1]) == numbers[-1]
     Retention(EventsSection()).tidy(transactions.database, 1e12, 1e12)
     if transactions.is_lasting:
         transactions.close()

@@ -31,7 +31,7 @@ def test_a_batch_that_is_wrong_in_many_places_counts_them(bench: Bench, wrong: i
     ]
 
 
-@pytest.mark.parametrize(("query", "more"), [("?course=c", ""), ("", " (and 1 more)"), ("?step=x", " (and 1 more)")])
+@pytest.mark.parametrize(("query", "more"), [("?run=c", ""), ("", " (and 1 more)"), ("?step=x", " (and 1 more)")])
 def test_an_address_that_is_wrong_in_many_places_counts_them(bench: Bench, query: str, more: str) -> None:
     problem = told(bench, b"", f"/surfaces/press-7/commissioning/skip{query}")
     assert problem["detail"] == f"{problem['errors'][0]['pointer']}: {problem['errors'][0]['detail']}{more}"

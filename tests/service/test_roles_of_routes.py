@@ -42,7 +42,7 @@ NEEDS = {
 }
 """Method and path of each route -> the least token that it takes. The write token reads, too."""
 WRITES = [route for route, needs in NEEDS.items() if needs == "write"]
-QUERY = "course=c&step=0&by=Ann"
+QUERY = "run=c&step=0&by=Ann"
 """What some routes need beside a token; others pass over it."""
 
 

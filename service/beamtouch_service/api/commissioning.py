@@ -12,10 +12,10 @@ from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
 from beamtouch_service.api.record_answers import SLOT
 from beamtouch_service.commissioning import results
-from beamtouch_service.commissioning.course import Course
-from beamtouch_service.commissioning.courses import hides_presses
 from beamtouch_service.commissioning.pressing import Stage
 from beamtouch_service.commissioning.report import Recorded, Report, as_text
+from beamtouch_service.commissioning.run import CommissioningRun
+from beamtouch_service.commissioning.runs import hides_presses
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.contact import rfc3339
 
@@ -33,13 +33,13 @@ def _one_line(text: str) -> str:
 _Person = Annotated[
     str, AfterValidator(_one_line), Query(min_length=1, max_length=_MAX_BY, description="Who confirms it.")
 ]
-_CourseId = Annotated[str, Query(max_length=64, description="`id` of the course, as its state gives it.")]
+_RunId = Annotated[str, Query(alias="run", max_length=64, description="`id` of the run, as its state gives it.")]
 
 router = gate.make_router("commissioning", Role.READ)
 write_router = gate.make_router("commissioning", Role.WRITE)
 
 
-class CourseState(BaseModel):
+class RunState(BaseModel):
     """A commissioning that is under way."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
@@ -66,7 +66,7 @@ class CommissioningState(BaseModel):
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 
-    course: CourseState | None
+    run: RunState | None
     """Null if none is under way."""
     ended: str | None
     """Why the last one ended without a result; null if it did not, or the service was restarted."""
@@ -81,29 +81,26 @@ class CommissioningList(BaseModel):
 
 
 def _state(context: Context, name: str) -> CommissioningState:
-    course, courses = context.courses.of(name), context.courses
+    runs = context.commissioning_runs
+    run = runs.of(name)
     problem = hides_presses(context.registry.named(name), context.clock())
     return CommissioningState(
-        course=None if course is None else _course_state(course, problem),
-        ended=None if course else courses.why_ended(name),
+        run=None if run is None else _run_state(run, problem),
+        ended=None if run else runs.why_ended(name),
         lasting=context.recorder.transactions.is_lasting,
     )
 
 
-def _course_state(course: Course, problem: Problem | None) -> CourseState:
-    if problem and not course.is_done:
-        prompt = f"{problem.kind.title}. Go on once samples come again."
-    else:
-        prompt = course.prompt
-    return CourseState(
-        id=course.id,
-        step=course.step,
-        steps=course.steps,
-        stage=course.stage,
-        held=round(course.held, 2),
-        at_mm=course.at_mm,
-        prompt=prompt,
-        report=course.report,
+def _run_state(run: CommissioningRun, problem: Problem | None) -> RunState:
+    return RunState(
+        id=run.id,
+        step=run.step,
+        steps=run.steps,
+        stage=run.stage,
+        held=round(run.held, 2),
+        at_mm=run.at_mm,
+        prompt=f"{problem.kind.title}. Go on once samples come again." if problem and not run.is_done else run.prompt,
+        report=run.report,
     )
 
 
@@ -120,7 +117,7 @@ async def get_commissioning(context: ContextParameter, name: SurfaceInPath) -> C
 @write_router.post("/surfaces/{name}/commissioning")
 async def post_commissioning(context: ContextParameter, name: SurfaceInPath) -> CommissioningState:
     """Begin a commissioning of this surface."""
-    context.courses.start(context.registry.named(name), context.clock(), _now_us())
+    context.commissioning_runs.start(context.registry.named(name), context.clock(), _now_us())
     return _state(context, name)
 
 
@@ -128,14 +125,14 @@ async def post_commissioning(context: ContextParameter, name: SurfaceInPath) -> 
 async def post_commissioning_skip(
     context: ContextParameter,
     name: SurfaceInPath,
-    course: _CourseId,
+    run_id: _RunId,
     step: Annotated[int, Query(ge=0, le=1000, description="The step to skip, which must be the current one.")],
 ) -> CommissioningState:
     """End a step whose press is not seen."""
-    found = context.courses.require(context.registry.named(name).name, course, step)
-    if found.is_done:
+    run = context.commissioning_runs.require(context.registry.named(name).name, run_id, step)
+    if run.is_done:
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, "Every step is done. Confirm the result.", name))
-    found.skip()
+    run.skip()
     return _state(context, name)
 
 
@@ -143,26 +140,27 @@ async def post_commissioning_skip(
 async def post_commissioning_confirm(
     context: ContextParameter,
     name: SurfaceInPath,
-    course: _CourseId,
+    run_id: _RunId,
     by: _Person,
 ) -> Recorded:
     """Put the result on record, once every step is done."""
-    found = context.courses.require(context.registry.named(name).name, course)
-    if not found.is_done:
-        detail = f"{found.steps - found.step} steps are left. Do them, skip them, or abandon it."
+    run = context.commissioning_runs.require(context.registry.named(name).name, run_id)
+    if not run.is_done:
+        detail = f"{run.steps - run.step} steps are left. Do them, skip them, or abandon it."
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
-    report = found.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by})
-    with context.courses.confirm(found):
-        number = await context.recorder.write(lambda transactions: results.add(transactions, found.id, report))
+    report = run.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by})
+    with context.commissioning_runs.confirm(run):
+        number = await context.recorder.write(lambda transactions: results.add(transactions, run.id, report))
     return Recorded(id=number, **report.model_dump())
 
 
 @write_router.post("/surfaces/{name}/commissioning/abandon")
 async def post_commissioning_abandon(
-    context: ContextParameter, name: SurfaceInPath, course: _CourseId
+    context: ContextParameter, name: SurfaceInPath, run_id: _RunId
 ) -> CommissioningState:
     """End a commissioning without a result."""
-    context.courses.abandon(context.courses.require(context.registry.named(name).name, course), _ABANDONED)
+    run = context.commissioning_runs.require(context.registry.named(name).name, run_id)
+    context.commissioning_runs.abandon(run, _ABANDONED)
     return _state(context, name)
 
 

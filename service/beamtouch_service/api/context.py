@@ -14,7 +14,7 @@ from starlette.types import Scope
 from beamtouch_common.parts import Parts
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
-from beamtouch_service.commissioning.courses import Courses
+from beamtouch_service.commissioning.runs import CommissioningRuns
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.record.recorder import Recorder
@@ -55,7 +55,7 @@ class Context:
     recorder: Recorder
     counts: Counts
     streams: Streams
-    courses: Courses = field(default_factory=Courses)
+    commissioning_runs: CommissioningRuns = field(default_factory=CommissioningRuns)
     names: OwnNames | None = None
     """The names that clients may ask for; None: any."""
     stepper: Stepper = field(default_factory=Stepper)

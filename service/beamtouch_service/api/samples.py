@@ -87,7 +87,7 @@ def _follow(context: Context, surface: Surface, batch: Batch, received: Received
     """Move the answer by one sample after another, and the commissioning with it."""
     heard = 0
     for step in received.steps:
-        yield from context.courses.hear(surface, batch, received.decisions[heard:])
+        yield from context.commissioning_runs.take(surface, batch, received.decisions[heard:])
         heard = len(received.decisions)
         yield step
 

@@ -12,12 +12,12 @@ MAX_KEPT = 20
 _c = COMMISSIONINGS.c
 
 
-def add(transactions: Transactions, course: str, report: Report) -> int:
-    """Put the result of a course on record, unless it is there, and drop those beyond the newest; return its id."""
+def add(transactions: Transactions, run: str, report: Report) -> int:
+    """Put the result of a run on record, unless it is there, and drop those beyond the newest; return its id."""
     of_surface = _c.surface == report.surface
-    row = {"surface": report.surface, "course": course, "report": report.model_dump(mode="json")}
+    row = {"surface": report.surface, "course": run, "report": report.model_dump(mode="json")}
     with transactions.database.writing() as connection:
-        number: int | None = connection.scalar(select(_c.id).where(_c.course == course))
+        number: int | None = connection.scalar(select(_c.id).where(_c.course == run))
         if number is None:
             number = connection.execute(insert(COMMISSIONINGS).returning(_c.id), row).scalar_one()
             newest = select(_c.id).where(of_surface).order_by(_c.id.desc()).limit(MAX_KEPT)

@@ -32,14 +32,14 @@ export class Commissioning {
     part("close").addEventListener("click", () => this.close());
     part("begin").addEventListener("submit", (event) => this.begin(event));
     part("confirm").addEventListener("submit", (event) => this.confirm(event));
-    part("skip").addEventListener("click", () => this.act("skip", `/skip?course=${this.course?.id}&step=${this.course?.step}`));
-    part("abandon").addEventListener("click", () => this.act("abandon", `/abandon?course=${this.course?.id}`));
+    part("skip").addEventListener("click", () => this.act("skip", `/skip?run=${this.run?.id}&step=${this.run?.step}`));
+    part("abandon").addEventListener("click", () => this.act("abandon", `/abandon?run=${this.run?.id}`));
     for (const format of ["text", "json"]) part(format).addEventListener("click", () => this.download(format));
   }
 
   /** Return a dashed arrow over the beam where to press now, if anywhere. */
   aim(scale) {
-    const at = this.isOpen ? (this.course?.at_mm ?? null) : null;
+    const at = this.isOpen ? (this.run?.at_mm ?? null) : null;
     if (at === null) return [];
     const x = scale.x(at);
     const y = scale.y(0) - 5;
@@ -50,7 +50,7 @@ export class Commissioning {
   }
 
   forget() {
-    this.course = null;
+    this.run = null;
     this.lasting = true;
     this.newest = null; // the newest result on record
     this.note = ""; // why a commissioning that was seen is gone
@@ -117,11 +117,11 @@ export class Commissioning {
     this.draw();
   }
 
-  take({ course, ended, lasting }) {
-    const before = this.course;
-    this.course = course;
+  take({ run, ended, lasting }) {
+    const before = this.run;
+    this.run = run;
     this.lasting = lasting;
-    if (before && !course) {
+    if (before && !run) {
       this.note = ended ?? GONE;
       this.askNewest(); // somebody else may have put it on record
     }
@@ -130,14 +130,14 @@ export class Commissioning {
 
   begin(event) {
     event.preventDefault();
-    if (!this.course) this.act("start", "");
+    if (!this.run) this.act("start", "");
   }
 
   confirm(event) {
     event.preventDefault();
     const by = part("by").value.trim();
     if (!by) return this.complain("Type your name.", "by");
-    this.act("confirm", `/confirm?course=${this.course?.id}&by=${encodeURIComponent(by)}`);
+    this.act("confirm", `/confirm?run=${this.run?.id}&by=${encodeURIComponent(by)}`);
   }
 
   async act(action, query) {
@@ -169,14 +169,14 @@ export class Commissioning {
   }
 
   recorded(result) {
-    this.course = null;
+    this.run = null;
     this.newest = result;
     this.note = `The result is on record as number ${result.id}.`;
     this.draw();
   }
 
   done(action, state) {
-    if (action === "abandon") this.course = null;
+    if (action === "abandon") this.run = null;
     this.note = action === "abandon" ? (state.ended ?? "") : "";
     this.take(state);
   }
@@ -187,21 +187,21 @@ export class Commissioning {
   }
 
   draw() {
-    const { course, newest } = this;
-    const isDone = course !== null && course.step >= course.steps;
-    setText(part("prompt"), course ? course.prompt : this.note || "No commissioning is under way.");
-    setText(part("help"), course ? (this.lasting || !isDone ? "" : MEMORY) : INTRODUCTION);
-    part("held").hidden = course?.stage !== "hold";
-    part("held").value = course?.held ?? 0;
-    drawSteps(course);
-    drawVerdict(course?.report.verdict ?? []);
+    const { run, newest } = this;
+    const isDone = run !== null && run.step >= run.steps;
+    setText(part("prompt"), run ? run.prompt : this.note || "No commissioning is under way.");
+    setText(part("help"), run ? (this.lasting || !isDone ? "" : MEMORY) : INTRODUCTION);
+    part("held").hidden = run?.stage !== "hold";
+    part("held").value = run?.held ?? 0;
+    drawSteps(run);
+    drawVerdict(run?.report.verdict ?? []);
     part("token-row").hidden = this.write !== null;
-    part("begin").hidden = course !== null && this.write !== null;
-    part("start").hidden = part("start").disabled = course !== null; // disabled, it takes no Enter
-    part("skip").hidden = !course || isDone;
+    part("begin").hidden = run !== null && this.write !== null;
+    part("start").hidden = part("start").disabled = run !== null; // disabled, it takes no Enter
+    part("skip").hidden = !run || isDone;
     part("confirm").hidden = !isDone;
-    part("abandon").hidden = !course;
-    part("newest").hidden = newest === null || course !== null;
+    part("abandon").hidden = !run;
+    part("newest").hidden = newest === null || run !== null;
     if (newest) setText(part("newest-words"), `On record: ${summary(newest)}`);
   }
 
@@ -231,16 +231,16 @@ function summary(report) {
 }
 
 /** The steps as a list; its items stay, only what changed in them is written. */
-function drawSteps(course) {
+function drawSteps(run) {
   const list = part("steps");
-  list.hidden = !course;
-  const steps = course ? [...course.report.sensors.map(ofSensor), ...course.report.places.map(ofPlace)] : [];
+  list.hidden = !run;
+  const steps = run ? [...run.report.sensors.map(ofSensor), ...run.report.places.map(ofPlace)] : [];
   while (list.children.length > steps.length) list.lastChild.remove();
   steps.forEach(({ title, says, kind }, index) => {
     const item = list.children[index] ?? list.appendChild(html("li"));
     const text = says ? `${title}: ${says}` : title;
-    item.className = [index === course.step ? "current" : "", kind ?? ""].join(" ").trim();
-    if (index === course.step) item.setAttribute("aria-current", "step");
+    item.className = [index === run.step ? "current" : "", kind ?? ""].join(" ").trim();
+    if (index === run.step) item.setAttribute("aria-current", "step");
     else item.removeAttribute("aria-current");
     if (item.textContent !== text) item.replaceChildren(...(kind ? [sign(SIGNS[kind])] : []), text);
   });

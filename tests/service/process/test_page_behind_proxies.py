@@ -132,9 +132,9 @@ def test_a_technician_commissions_below_the_path(start_bench: StartBench, below:
     seen.page.keyboard.press("Enter")
     seen.wait_for_text("commissioning-prompt", "Take everything off")
     send()
-    for _ in range(bench.service.get("/surfaces/press-7/commissioning").json()["course"]["steps"]):
+    for _ in range(bench.service.get("/surfaces/press-7/commissioning").json()["run"]["steps"]):
         seen.wait_for_text("commissioning-prompt", "Press")
-        at_mm = bench.service.get("/surfaces/press-7/commissioning").json()["course"]["at_mm"]
+        at_mm = bench.service.get("/surfaces/press-7/commissioning").json()["run"]["at_mm"]
         send((at_mm, FORCE_N))
         seen.wait_for_text("commissioning-prompt", "Lift")
         send()

@@ -40,12 +40,12 @@ class Stated(NamedTuple):
     """Why there is no state."""
 
 
-class Course:
+class CommissioningRun:
     """A commissioning that is under way, under one model."""
 
-    def __init__(self, course_id: str, surface: str, model: ModelFile, stale_ms: float, now_us: int) -> None:
+    def __init__(self, run_id: str, surface: str, model: ModelFile, stale_ms: float, now_us: int) -> None:
         """Begin at `now_us` [us since 1970, by the clock of the service]; samples may be `stale_ms` apart."""
-        self.id, self.model = course_id, model
+        self.id, self.model = run_id, model
         metadata = model.metadata
         low_mm, high_mm = metadata.ranges.position_mm
         self.report = Report(
