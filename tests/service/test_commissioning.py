@@ -261,7 +261,7 @@ def test_while_the_record_is_away_the_result_waits(tmp_path: Path) -> None:
     run_id = commissioning.follow()
     whole = damage(path)
     refusal = commissioning.act(f"/confirm?run={run_id}&by=Ann")
-    assert (refusal.status_code, kind(refusal)) == (503, "events-away")
+    assert (refusal.status_code, kind(refusal)) == (503, "record-unavailable")
     assert commissioning.now["id"] == run_id
     restore(path, whole)
     assert commissioning.act(f"/confirm?run={run_id}&by=Ann").status_code == 200

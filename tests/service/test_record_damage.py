@@ -65,7 +65,7 @@ def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(
     assert (receipt["durable"], receipt["expected"]) == (3, 11)
     refusal = story.bench.get("/events")
     assert (refusal.status_code, refusal.headers["retry-after"]) == (503, "1")
-    assert refusal.json()["type"] == "urn:beamtouch:problem:events-away"
+    assert refusal.json()["type"] == "urn:beamtouch:problem:record-unavailable"
     assert story.bench.contact()["state"] == "clear"
     assert story.ask()["durable"] == 3
     assert caplog.text.count("the record of events is away") == 1

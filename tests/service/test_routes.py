@@ -154,11 +154,11 @@ STATUSES = {
     409: "other-commissioning",
     413: "too-large",
     415: "unknown-encoding",
-    421: "one-of-several other-name",
+    421: "wrong-replica other-name",
     422: "invalid-request missing-channels",
     500: "internal",
     503: "no-surface no-model no-samples other-beam stale too-few-channels unusable-estimate channels-out "
-    "changed-channels zeros-moved unexplained not-ready events-away stopping too-many-clients",
+    "changed-channels zeros-moved unexplained not-ready record-unavailable stopping too-many-clients",
 }
 """What clients and proxies decide by: the table of `docs/reference/problems.md` is made from the code."""
 

@@ -75,7 +75,7 @@ class Context:
         """Refuse a question about all surfaces; raises ProblemError (421) if other services have some of them."""
         if self.recorder.is_replica:
             detail = f"Several services share the surfaces, and a load balancer knows which has which. {instead}"
-            raise ProblemError(Problem(Kind.ONE_OF_SEVERAL, detail, members={"surfaces": self.registry.names}))
+            raise ProblemError(Problem(Kind.WRONG_REPLICA, detail, members={"surfaces": self.registry.names}))
 
     def allow(self, scope: Scope, role: Role) -> None:
         """Let a request with a token for `role` pass; raises ProblemError (401, 403)."""

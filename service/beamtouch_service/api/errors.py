@@ -24,7 +24,7 @@ _MAX_POINTER = 200
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with problem+json."""
     app.exception_handler(ProblemError)(_problem)
-    app.exception_handler(RecordAwayError)(_events_away)
+    app.exception_handler(RecordAwayError)(_record_unavailable)
     app.exception_handler(TooManyReadersError)(_too_many_readers)
     app.exception_handler(HTTPException)(_http)
     app.exception_handler(RequestValidationError)(_validation)
@@ -79,9 +79,9 @@ async def _problem(request: Request, error: ProblemError) -> Response:
     return refuse(request.scope, error)
 
 
-async def _events_away(request: Request, error: RecordAwayError) -> Response:
+async def _record_unavailable(request: Request, error: RecordAwayError) -> Response:
     detail = f"{error}. Answers go on, and daemons keep their samples."
-    return _counted(request.scope, Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"})
+    return _counted(request.scope, Problem(Kind.RECORD_UNAVAILABLE, detail), {"Retry-After": "1"})
 
 
 async def _too_many_readers(request: Request, _error: TooManyReadersError) -> Response:

@@ -20,7 +20,7 @@ from beamtouch_common.log import RepeatedFilter
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context
-from beamtouch_service.host.open_files import refuse_beyond_open_files
+from beamtouch_service.host.open_files import reject_when_out_of_descriptors
 from beamtouch_service.sections import ServerSection
 from beamtouch_service.surfaces import freshness
 
@@ -96,7 +96,7 @@ def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:
 
 async def _serve(config: uvicorn.Config, address: Address, context: Context, tasks: Tasks) -> None:
     """Run the tasks, and take connections once the address is there."""
-    refuse_beyond_open_files()
+    reject_when_out_of_descriptors()
     manager = ServiceManager()
 
     def note(reason: str) -> None:

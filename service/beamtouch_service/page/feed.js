@@ -8,7 +8,7 @@ const SILENT_MS = 2000;
 const FIRST_MS = 6000;
 const RETRY_MS = 500; // twice as long after each failure
 const MOST_RETRY_MS = 5000;
-const ONE_OF_SEVERAL = "urn:beamtouch:problem:one-of-several";
+const WRONG_REPLICA = "urn:beamtouch:problem:wrong-replica";
 const LOCKED_RETRY_MS = 30_000; // each refusal counts in the log of the service
 const HELD_BACK = "The service answers, but its stream does not arrive. A proxy may hold it back.";
 
@@ -72,7 +72,7 @@ export class Feed {
     try {
       const answer = await this.token.ask("surfaces");
       const body = refuses(answer) ? null : await answer.json();
-      const several = body?.type === ONE_OF_SEVERAL ? await this.named(body.surfaces) : null;
+      const several = body?.type === WRONG_REPLICA ? await this.named(body.surfaces) : null;
       if (attempt !== this.attempt) return;
       if (!answer.ok && !several) return body ? this.refuse(body) : this.lock();
       this.surfaces = several ?? body.surfaces;

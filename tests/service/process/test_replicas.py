@@ -82,12 +82,12 @@ def require_one_service_in_whatever_form_an_address_comes(plant: Plant) -> None:
 def require_questions_about_all_surfaces_answered_for_all_or_refused(plant: Plant) -> None:
     for path in WHOLE:
         refusal = plant.get(path)
-        assert (refusal.status_code, kind(refusal)) == (421, "one-of-several")
+        assert (refusal.status_code, kind(refusal)) == (421, "wrong-replica")
         assert refusal.json()["surfaces"] == SURFACES
     # Without the balancer, the query form reaches any service.
-    assert kind(plant.services[0].get(f"/contact?surface={SURFACES[0]}")) == "one-of-several"
+    assert kind(plant.services[0].get(f"/contact?surface={SURFACES[0]}")) == "wrong-replica"
     metrics = plant.get("/metrics")
-    assert (metrics.status_code, metrics.json()["type"]) == (421, "urn:beamtouch:problem:one-of-several")
+    assert (metrics.status_code, metrics.json()["type"]) == (421, "urn:beamtouch:problem:wrong-replica")
     assert plant.services[0].get("/metrics").status_code == 200
 
     for name in SURFACES:
@@ -114,7 +114,7 @@ def test_answers_go_on_while_the_database_is_away_and_its_events_come_later(plan
         plant.deliver(name, RESTING, TOUCHING)
         assert plant.get(f"/surfaces/{name}/contact").json()["state"] == "contact"
         refusal = plant.get("/events")
-        assert (refusal.status_code, kind(refusal)) == (503, "events-away")
+        assert (refusal.status_code, kind(refusal)) == (503, "record-unavailable")
         assert refusal.headers["retry-after"] == "1"
         plant.deliver(name, TOUCHING, RESTING)
         owner = next(service for service in plant.services if name in plant.having(service))
