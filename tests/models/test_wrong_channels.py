@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Bools, Floats, Floats32
 from beamtouch_models.runtime import ModelFile, Suspects, Weighed, Wirings
-from beamtouch_models.runtime.decision.wrong_channels import LeftOut, Wiring, wirings
+from beamtouch_models.runtime.decision.wrong_channels import LeftOut, WiringFault, wiring_faults
 from support.surfaces.deflections import deflections_of
 from support.surfaces.small_model import model_of
 
@@ -15,24 +15,24 @@ NAMES = ["a", "b", "c", "d"]
 
 def test_the_wirings_are_two_swapped_one_inverted_and_all_reversed() -> None:
     right = [1.0] * 4
-    assert wirings(NAMES)[:2] == [
-        Wiring([1, 0, 2, 3], right, "a and b seem to be swapped"),
-        Wiring([2, 1, 0, 3], right, "a and c seem to be swapped"),
+    assert wiring_faults(NAMES)[:2] == [
+        WiringFault([1, 0, 2, 3], right, "a and b seem to be swapped"),
+        WiringFault([2, 1, 0, 3], right, "a and c seem to be swapped"),
     ]
-    assert wirings(NAMES)[-2:] == [
-        Wiring([0, 1, 2, 3], [1.0, 1.0, 1.0, -1.0], "d seems to be inverted"),
-        Wiring([3, 2, 1, 0], right, "the channels seem to be in reverse order"),
+    assert wiring_faults(NAMES)[-2:] == [
+        WiringFault([0, 1, 2, 3], [1.0, 1.0, 1.0, -1.0], "d seems to be inverted"),
+        WiringFault([3, 2, 1, 0], right, "the channels seem to be in reverse order"),
     ]
-    assert len(wirings(NAMES)) == 6 + 4 + 1
-    assert len(wirings(NAMES[:3])) == 3 + 3  # the reverse order is a swap
-    assert [one.is_reversed for one in wirings(NAMES)] == [False] * 10 + [True]
-    assert not any(one.is_reversed for one in wirings(NAMES[:3]))
+    assert len(wiring_faults(NAMES)) == 6 + 4 + 1
+    assert len(wiring_faults(NAMES[:3])) == 3 + 3  # the reverse order is a swap
+    assert [one.is_reversed for one in wiring_faults(NAMES)] == [False] * 10 + [True]
+    assert not any(one.is_reversed for one in wiring_faults(NAMES[:3]))
 
 
 def test_a_wiring_is_put_right_in_all_that_is_known_of_a_sample() -> None:
     valid = np.array([[True, True, False]])
     one = Weighed(np.array([[1.0, 2.0, 0.0]]), np.arange(9.0).reshape(1, 3, 3), np.array([[0.1, 0.2, 0.3]]), valid)
-    right = Wiring([2, 1, 0], [1.0, -1.0, 1.0], "").corrected(one)
+    right = WiringFault([2, 1, 0], [1.0, -1.0, 1.0], "").corrected(one)
     assert right.deflection_mm.tolist() == [[0.0, -2.0, 1.0]]
     assert right.covariance_mm2.tolist() == [[[8.0, -7.0, 6.0], [-5.0, 4.0, -3.0], [2.0, -1.0, 0.0]]]
     assert (right.noise_mm2.tolist(), right.valid.tolist()) == ([[0.3, 0.2, 0.1]], [[False, True, True]])
@@ -132,7 +132,7 @@ class Told:
 
     def press(self, place_mm: float, asis: float = ODD, **by_wiring: float) -> str | None:
         """Add a contact with this misfit as it is, and these by the first words of a wiring; else it is odd."""
-        told = [by_wiring.get(wiring.text.split()[0], ODD) for wiring in wirings(self.names)]
+        told = [by_wiring.get(wiring.text.split()[0], ODD) for wiring in wiring_faults(self.names)]
         self._misfits, self._place_mm = [asis, *told], place_mm
         count = len(self.names)
         self.found.add(PRESSED if count == 4 else Weighed(*_first(count)))

@@ -9,7 +9,7 @@ import pytest
 
 from beamtouch_service.commissioning.pressing import Floats
 from beamtouch_service.commissioning.report import Finding
-from beamtouch_service.commissioning.verdict import advise, find
+from beamtouch_service.commissioning.verdict import advise, judge_sensors
 from beamtouch_service.commissioning.wiring import Explanation, Influence, Press, Wiring
 from beamtouch_service.commissioning.wiring import explain as explain_in_steps
 from beamtouch_service.samples import Quality
@@ -118,7 +118,7 @@ def test_presses_above_all_sensors_show_the_wiring_for_certain(name: str) -> Non
     assert (explanation.rivals, explanation.is_explained) == ([], True)
     assert explanation.forces_n == pytest.approx([9, 12, 7, 14], rel=0.12)
     assert explanation.shares == pytest.approx(wiring.signs, abs=0.05)
-    found = find(explanation, NAMES, {"s3": Quality.SATURATED})
+    found = judge_sensors(explanation, NAMES, {"s3": Quality.SATURATED})
     sentences = advise(explanation, NAMES, found)
     assert [sentence[: len(begin)] for sentence, begin in zip(sentences, advice, strict=True)] == advice
 
@@ -129,7 +129,7 @@ def test_presses_above_all_sensors_show_the_wiring_for_certain(name: str) -> Non
 )
 def test_what_one_press_does_not_tell_apart_is_not_sure() -> None:
     explanation = pressed(SWAPPED, INVERTED, DEAD, steps=1)
-    found = find(explanation, NAMES, {})
+    found = judge_sensors(explanation, NAMES, {})
     assert [one.finding for one in found] == [Finding.SWAPPED, Finding.UNSURE, Finding.DEAD, Finding.SWAPPED]
     assert found[1].says == "not sure: moves the wrong way, or moves as s3 should, the wrong way"
     sentences = advise(explanation, NAMES, found)
@@ -151,7 +151,7 @@ def test_a_press_during_which_something_else_moves_a_sensor_is_explained_by_no_w
     presses = [Press(at_mm, one, np.full(4, NOISE_MM)) for at_mm, one in zip(AT_MM, moved, strict=True)]
     explanation = explain(presses, deflections)
     assert not explanation.is_explained
-    found = find(explanation, NAMES, {})
+    found = judge_sensors(explanation, NAMES, {})
     assert {one.finding for one in found} == {Finding.UNSURE}
     (sentence,) = advise(explanation, NAMES, found)
     assert sentence.startswith("No wiring explains the presses. Check that each press was above its sensor")
@@ -161,7 +161,7 @@ def test_a_press_during_which_something_else_moves_a_sensor_is_explained_by_no_w
 def test_a_channel_that_moves_too_little_or_too_much_does_not_pass(channel: int, factor: float) -> None:
     explanation = pressed(partial(scale, channel, factor))
     assert explanation.shares[channel] == pytest.approx(factor, rel=0.15)
-    found = find(explanation, NAMES, {})
+    found = judge_sensors(explanation, NAMES, {})
     assert found[channel].finding in {Finding.GAIN, Finding.UNSURE}
     assert f"{100 * explanation.shares[channel]:.0f} %" in found[channel].says
     assert NAMES[channel] in " ".join(advise(explanation, NAMES, found))
@@ -185,7 +185,7 @@ def test_a_channel_without_values_in_one_press_is_judged_by_the_others(faults: l
 
 def test_a_channel_without_values_in_any_press_is_dead() -> None:
     explanation = pressed(partial(scale, 2, np.nan))
-    found = find(explanation, NAMES, {"s3": Quality.MISSING})
+    found = judge_sensors(explanation, NAMES, {"s3": Quality.MISSING})
     assert found[2] == (Finding.DEAD, "does not move (missing)")
     assert [one.finding for one in found].count(Finding.RIGHT) == 3
 
@@ -210,7 +210,7 @@ def test_of_channels_that_differ_in_halves_neither_half_passes(
     presses = [Press(at_mm, one, noise_mm) for at_mm, one in zip(sensors_mm, moved, strict=True)]
     explanation = explain(presses, influence)
     assert explanation.shares == pytest.approx(shares, rel=0.04)
-    assert {one.finding for one in find(explanation, NAMES[: len(gains)], {})} == {finding}
+    assert {one.finding for one in judge_sensors(explanation, NAMES[: len(gains)], {})} == {finding}
 
 
 def test_many_sensors_take_little_longer_than_few() -> None:
@@ -238,7 +238,7 @@ def test_many_sensors_take_little_longer_than_few() -> None:
 def test_of_a_sensor_that_no_press_moves_nothing_is_said() -> None:
     explanation = pressed(sensors_mm=[125.0, 250.0, 399.99])
     assert explanation.is_explained
-    found = find(explanation, NAMES[:3], {})
+    found = judge_sensors(explanation, NAMES[:3], {})
     assert [one.finding for one in found] == [Finding.RIGHT, Finding.RIGHT, Finding.UNSURE]
     (sentence,) = advise(explanation, NAMES[:3], found)
     assert "s3: the presses hardly move it" in sentence

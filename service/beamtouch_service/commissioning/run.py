@@ -11,13 +11,13 @@ from beamtouch_service.commissioning.pressing import HOLD_US, Floats, Movement, 
 from beamtouch_service.commissioning.report import Finding, PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import (
     UNSEEN,
-    Found,
+    SensorFinding,
     advise,
     advise_places,
     advise_unseen,
-    find,
     is_right,
     judge_place,
+    judge_sensors,
 )
 from beamtouch_service.commissioning.wiring import Explanation, Press, explain
 from beamtouch_service.samples import Quality, Sample
@@ -31,8 +31,8 @@ _STATED = ("position_mm", "position_low_mm", "position_high_mm", "force_n")
 _MM_DIGITS, _SHARE_DIGITS, _FORCE_DIGITS = 5, 3, 2
 
 
-class Stated(NamedTuple):
-    """The surface's decision on a sample."""
+class PressDecision(NamedTuple):
+    """The surface's decision on a sample of a press."""
 
     state: State | None
     figures: Figures = NO_FIGURES
@@ -65,14 +65,14 @@ class CommissioningRun:
         self._boot_id = ""
         self._presses: dict[int, Press] = {}
         """Sensor -> the press above it."""
-        self._seen_held = Stated(None)
+        self._seen_held = PressDecision(None)
         """The surface's decision on the press that awaits its lift."""
         self._bad_held: dict[str, Quality] = {}
         """Channels that were not good in it."""
         self._bad: dict[str, Quality] = {}
         """Channels that were not good in a press."""
         self._explanation: Explanation | None = None
-        self._found: list[Found] = []
+        self._findings: list[SensorFinding] = []
 
     @property
     def steps(self) -> int:
@@ -116,7 +116,7 @@ class CommissioningRun:
         where = f"above {sensors[self.step].name}" if self.step < len(sensors) else "at the mark"
         return f"Press {where}, {self.at_mm:.0f} mm from the left end, firmly, for a second or two."
 
-    def take(self, boot_id: str, channels: Sequence[str], sample: Sample, seen: Stated) -> Iterator[None]:
+    def take(self, boot_id: str, channels: Sequence[str], sample: Sample, seen: PressDecision) -> Iterator[None]:
         """Take the next sample of the surface in steps, its values in the order of `channels`."""
         if self.is_done:
             return
@@ -145,7 +145,7 @@ class CommissioningRun:
         if self.step < len(sensors):
             self._update(self.step, finding=Finding.UNSEEN, says=UNSEEN)
         else:
-            self._take_place(Stated(None, reason=UNSEEN))
+            self._take_place(PressDecision(None, reason=UNSEEN))
         self._finder.forget()
         self._advance()
 
@@ -163,13 +163,13 @@ class CommissioningRun:
         )
         self._presses, self._explanation = presses, explanation
         self._bad |= bad
-        self._found = find(self._explanation, self.model.channels, self._bad)
+        self._findings = judge_sensors(self._explanation, self.model.channels, self._bad)
         # What was said of a sensor may change with each press: all of them are judged together.
         for index, force_n in zip(self._presses, self._explanation.forces_n, strict=True):
             share = float(self._explanation.shares[index])
             self._update(
                 index,
-                **self._found[index]._asdict(),
+                **self._findings[index]._asdict(),
                 share=None if isnan(share) else round(share, _SHARE_DIGITS),
                 force_n=round(force_n, _FORCE_DIGITS),
             )
@@ -180,7 +180,7 @@ class CommissioningRun:
         influence, _ = self._curve.at(positions_mm[:, None])
         return influence
 
-    def _take_place(self, seen: Stated) -> None:
+    def _take_place(self, seen: PressDecision) -> None:
         index = self.step - len(self.report.sensors)
         stated = {name: getattr(seen.figures, name) for name in _STATED}
         place = self.report.places[index].model_copy(update={"state": seen.state, **stated})
@@ -195,7 +195,7 @@ class CommissioningRun:
         if self.step < len(sensors):
             return
         unseen = [one.name for one in sensors if one.finding is Finding.UNSEEN]
-        wiring = advise(self._explanation, self.model.channels, self._found) if self._explanation else []
+        wiring = advise(self._explanation, self.model.channels, self._findings) if self._explanation else []
         self.report.verdict = [*advise_unseen(unseen), *wiring]
         if not self.is_done:
             return

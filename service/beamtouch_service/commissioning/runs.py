@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from secrets import token_hex
 
-from beamtouch_service.commissioning.run import CommissioningRun, Stated
+from beamtouch_service.commissioning.run import CommissioningRun, PressDecision
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.follower import Decision
@@ -98,7 +98,7 @@ class CommissioningRuns:
             return
         for decision in decisions:
             reason = f"no position: {decision.problem.kind.title.lower()}" if decision.problem else ""
-            seen = Stated(decision.state, decision.figures, reason)
+            seen = PressDecision(decision.state, decision.figures, reason)
             yield from run.take(batch.boot_id, batch.channels, decision.estimate.sample, seen)
 
 

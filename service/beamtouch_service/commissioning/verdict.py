@@ -11,7 +11,7 @@ from beamtouch_service.samples import Quality
 DEAD = 0.2
 """A channel that moves by more than this is not dead."""
 PRESS_MM = 5.0
-"""How far from a mark a person may press."""
+"""Distance from a mark at which a person may press."""
 ALIKE = 0.5
 """Errors of position are alike if they differ by at most this part of their mean: then the marks count otherwise."""
 GAINS = (0.8, 1.25)
@@ -23,37 +23,37 @@ _RIGHT = "moves as it should"
 _DEAD = "does not move"
 
 
-class Found(NamedTuple):
+class SensorFinding(NamedTuple):
     """Findings of the presses on one sensor."""
 
     finding: Finding
     says: str
 
 
-def find(explanation: Explanation, names: Sequence[str], bad: Mapping[str, Quality]) -> list[Found]:
+def judge_sensors(explanation: Explanation, names: Sequence[str], bad: Mapping[str, Quality]) -> list[SensorFinding]:
     """Return what presses show of each channel; `bad` are the channels that are not good."""
-    found = []
+    findings = []
     for channel, name in enumerate(names):
         rivals = list(dict.fromkeys(_of(rival, channel, names) for rival in explanation.rivals))
         best = _of(explanation.wiring, channel, names)
         others = [rival.says for rival in rivals if rival != best]
         share = float(explanation.shares[channel])
         if isnan(share):
-            found.append(Found(Finding.UNSURE, "the presses hardly move it: nothing can be said"))
+            findings.append(SensorFinding(Finding.UNSURE, "the presses hardly move it: nothing can be said"))
         elif not explanation.is_explained:
             says = f"no wiring explains the presses; it moves {100 * share:.0f} % as far as it should"
-            found.append(Found(Finding.UNSURE, says))
+            findings.append(SensorFinding(Finding.UNSURE, says))
         elif best.finding is Finding.DEAD and abs(share) > DEAD:
-            found.append(Found(Finding.GAIN, f"hardly moves: {100 * share:.0f} % as far as it should"))
+            findings.append(SensorFinding(Finding.GAIN, f"hardly moves: {100 * share:.0f} % as far as it should"))
         elif best.finding is not Finding.DEAD and _is_off(share):
-            found.append(Found(Finding.GAIN, f"{best.says}, but {100 * abs(share):.0f} % as far"))
+            findings.append(SensorFinding(Finding.GAIN, f"{best.says}, but {100 * abs(share):.0f} % as far"))
         elif others:
-            found.append(Found(Finding.UNSURE, f"not sure: {best.says}, or {others[0]}"))
+            findings.append(SensorFinding(Finding.UNSURE, f"not sure: {best.says}, or {others[0]}"))
         elif best.finding is Finding.DEAD and name in bad:
-            found.append(Found(Finding.DEAD, f"{best.says} ({bad[name].value})"))
+            findings.append(SensorFinding(Finding.DEAD, f"{best.says} ({bad[name].value})"))
         else:
-            found.append(best)
-    return found
+            findings.append(best)
+    return findings
 
 
 def _is_off(share: float) -> bool:
@@ -62,15 +62,15 @@ def _is_off(share: float) -> bool:
     return not (isnan(share) or low <= abs(share) <= high)
 
 
-def _of(wiring: Wiring, channel: int, names: Sequence[str]) -> Found:
+def _of(wiring: Wiring, channel: int, names: Sequence[str]) -> SensorFinding:
     """Return what a wiring says of one channel."""
     sensor, sign = wiring.sensors[channel], wiring.signs[channel]
     if sign == 0:
-        return Found(Finding.DEAD, _DEAD)
+        return SensorFinding(Finding.DEAD, _DEAD)
     if sensor != channel:
         way = ", the wrong way" if sign < 0 else ""
-        return Found(Finding.SWAPPED, f"moves as {names[sensor]} should{way}")
-    return Found(Finding.INVERTED, _INVERTED) if sign < 0 else Found(Finding.RIGHT, _RIGHT)
+        return SensorFinding(Finding.SWAPPED, f"moves as {names[sensor]} should{way}")
+    return SensorFinding(Finding.INVERTED, _INVERTED) if sign < 0 else SensorFinding(Finding.RIGHT, _RIGHT)
 
 
 def advise_unseen(names: Sequence[str]) -> list[str]:
@@ -83,10 +83,10 @@ def advise_unseen(names: Sequence[str]) -> list[str]:
     ]
 
 
-def advise(explanation: Explanation, names: Sequence[str], found: Sequence[Found]) -> list[str]:
+def advise(explanation: Explanation, names: Sequence[str], findings: Sequence[SensorFinding]) -> list[str]:
     """Return a sentence for each fault of the wiring, with what to do."""
     wiring, sentences = explanation.wiring, list[str]()
-    by_name = dict(zip(names, found, strict=True))
+    by_name = dict(zip(names, findings, strict=True))
     if not explanation.is_explained:
         off = [name for name, share in zip(names, explanation.shares.tolist(), strict=True) if _is_off(share)]
         look = f" Look first at {_listed(off)}: the movement is not in proportion to the others." if off else ""
@@ -101,7 +101,7 @@ def advise(explanation: Explanation, names: Sequence[str], found: Sequence[Found
     sentences += _of_cables(wiring, names, set(unsure))
     inverted = [
         name
-        for name, one, sign in zip(names, found, wiring.signs, strict=True)
+        for name, one, sign in zip(names, findings, wiring.signs, strict=True)
         if one.finding is not Finding.UNSURE and sign < 0
     ]
     if inverted:

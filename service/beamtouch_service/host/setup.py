@@ -39,8 +39,8 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Parts:
-    """The parts of a service that its settings name, found and checked."""
+class Prepared:
+    """The files and addresses that settings name, loaded and checked."""
 
     access: Access
     address: Address
@@ -51,7 +51,7 @@ class Parts:
     """Warnings: settings that work, but may not be meant."""
 
 
-def prepare(settings: Settings) -> Parts:
+def prepare(settings: Settings) -> Prepared:
     """Read the files that the settings name, and check that they work on this machine.
 
     Raises
@@ -72,16 +72,16 @@ def prepare(settings: Settings) -> Parts:
     outputs = [make(section, [surface.name for surface, _ in loaded], access) for section in settings.outputs]
     warnings = _warnings(settings, access, address) + [words for output in outputs for words in output.warnings]
     keepers = [keeper for _, keeper in loaded if keeper]
-    return Parts(access, address, [surface for surface, _ in loaded], keepers, outputs, warnings)
+    return Prepared(access, address, [surface for surface, _ in loaded], keepers, outputs, warnings)
 
 
 def run(settings: Settings, levels: Iterable[log.Level] = ()) -> None:
     """Serve until SIGTERM or Ctrl-C, with a log from these levels on; raises what `prepare` raises."""
-    parts, server = prepare(settings), settings.server
+    prepared, server = prepare(settings), settings.server
     log.set_up(levels=levels)
-    for warning in parts.warnings:
+    for warning in prepared.warnings:
         _log.warning(warning)
-    for surface in parts.surfaces:
+    for surface in prepared.surfaces:
         if surface.model_error is not None:
             words = "surface %s: no contact until its model file can be used: %s"
             _log.error(words, surface.name, surface.model_error)
@@ -90,23 +90,23 @@ def run(settings: Settings, levels: Iterable[log.Level] = ()) -> None:
     except RecordUnusableError as error:
         raise InputError(str(error)) from None
     streams, names = Streams(server.max_streams), _names(server)
-    app = create_app(parts.surfaces, parts.access, streams=streams, recorder=recorder, names=names)
+    app = create_app(prepared.surfaces, prepared.access, streams=streams, recorder=recorder, names=names)
     tasks: Tasks = {
-        "models": lambda _context: models.watch(parts.keepers),
-        **{section.name: output.run for section, output in zip(settings.outputs, parts.outputs, strict=True)},
+        "models": lambda _context: models.watch(prepared.keepers),
+        **{section.name: output.run for section, output in zip(settings.outputs, prepared.outputs, strict=True)},
     }
-    serve(configure(app, server), parts.address, app.context, tasks)
+    serve(configure(app, server), prepared.address, app.context, tasks)
 
 
 def report(settings: Settings, *, as_json: bool) -> str:
     """Return what a service would serve, with warnings; raises what `prepare` raises."""
-    parts = prepare(settings)
-    found = {one.name: one.model_error or (one.model.identity if one.model else None) for one in parts.surfaces}
+    prepared = prepare(settings)
+    models_in_use = {one.name: one.model_error or (one.model and one.model.identity) for one in prepared.surfaces}
     days, limits = forecast.describe(settings.events)
     if as_json:
-        return json.dumps({"surfaces": found, "events": days, "warnings": parts.warnings})
-    lines = [f"surface {name}: {words or 'no model'}" for name, words in found.items()] + limits
-    return "\n".join([*lines, *(f"warning: {warning}" for warning in parts.warnings)])
+        return json.dumps({"surfaces": models_in_use, "events": days, "warnings": prepared.warnings})
+    lines = [f"surface {name}: {words or 'no model'}" for name, words in models_in_use.items()] + limits
+    return "\n".join([*lines, *(f"warning: {warning}" for warning in prepared.warnings)])
 
 
 def _names(server: ServerSection) -> OwnNames | None:
@@ -127,6 +127,7 @@ def _require_certificate(certificate: Path, key: Path) -> None:
 
 
 def _require_tokens(access: Access, address: str) -> None:
+    """Raise InputError unless a service that the network reaches has both tokens."""
     needed = {"--write-token-file": access.write, "--read-token-file": access.read}
     missing = [f"{option} FILE" for option, token in needed.items() if token is None]
     if missing:

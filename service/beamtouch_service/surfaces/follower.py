@@ -33,11 +33,11 @@ from beamtouch_service.surfaces.warmth import Warmth
 from beamtouch_service.surfaces.zones import NO_ZONES, ZoneEvidence, ZoneFollower, ZoneReport
 
 _log = logging.getLogger(__name__)
-_ALL = 40
-"""Number of samples at the beginning of a stretch, all of which are examined without each channel: as many as name a
-suspect."""
-_EVERY = 20
-"""Of later ones, one in this many is: it takes long."""
+_ALWAYS_EXAMINED = 40
+"""Samples at the beginning of an unexplained stretch that are examined without each channel: enough to name a suspect.
+"""
+_EXAMINED_EVERY = 20
+"""After these, one sample in this many is examined: an examination takes long."""
 PAUSE = 4.0
 """A device may give no sample for this many times `stale_ms` within one contact: a busy machine pauses, too."""
 _HOLD_READINGS = 3
@@ -288,7 +288,7 @@ class Follower:
             self._stretch_of, self._length = set(estimate.bad), 0
             self._suspects.clear()
             self._warmth.clear()
-        if self._length < _ALL or self._length % _EVERY == 0:
+        if self._length < _ALWAYS_EXAMINED or self._length % _EXAMINED_EVERY == 0:
             (without,) = self._suspects.leave_out(estimate.weighed)
             self._suspects.add(without)
         self._length += 1

@@ -16,7 +16,7 @@ from beamtouch_models.design.calibration.mistaken import AGREED
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.calibration.session import Session
-from beamtouch_models.runtime.decision.wrong_channels import wirings
+from beamtouch_models.runtime.decision.wrong_channels import wiring_faults
 
 POOR_NOISES = 8.0
 """Residual, in noises of a sample, below which loads agree with the channels as they are."""
@@ -72,7 +72,7 @@ def _from_own_zeros(nominal: NominalSurface, loads: Loads) -> tuple[Floats, Load
 
 def _swaps(nominal: NominalSurface, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
     """Yield each possible swap: its message, and the loads without the swap."""
-    for wiring in wirings(names):
+    for wiring in wiring_faults(names):
         message = f"{wiring.text}; check the wiring and the order in the daemon's config"
         measured_mm = loads.measured_mm[:, wiring.order] * np.array(wiring.signs)
         deviation_mm = loads.deviation_mm[:, wiring.order]

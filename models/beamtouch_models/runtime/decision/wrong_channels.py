@@ -100,8 +100,8 @@ GAIN = 0.03
 """Error of the gains that is allowed for, so that wirings are found on a surface that is not calibrated yet."""
 
 
-class Wiring(NamedTuple):
-    """One way to wire the sensors wrongly."""
+class WiringFault(NamedTuple):
+    """One fault of the wiring."""
 
     order: list[int]
     """Index of the channel that has the values of each sensor."""
@@ -126,21 +126,21 @@ class Wiring(NamedTuple):
         )
 
 
-def wirings(names: list[str]) -> list[Wiring]:
-    """Return the wirings that are looked for: two channels swapped, one inverted, all in reverse order."""
+def wiring_faults(names: list[str]) -> list[WiringFault]:
+    """Return the faults that are looked for: two channels swapped, one inverted, all in reverse order."""
     asis = list(range(len(names)))
     right = [1.0] * len(names)
     candidates = []
     for first, second in combinations(asis, 2):
         order = asis.copy()
         order[first], order[second] = second, first
-        candidates.append(Wiring(order, right, f"{names[first]} and {names[second]} seem to be swapped"))
+        candidates.append(WiringFault(order, right, f"{names[first]} and {names[second]} seem to be swapped"))
     for index in asis:
         signs = right.copy()
         signs[index] = -1.0
-        candidates.append(Wiring(asis, signs, f"{names[index]} seems to be inverted"))
+        candidates.append(WiringFault(asis, signs, f"{names[index]} seems to be inverted"))
     if len(names) > CHECKED:  # the reverse order of fewer channels is the swap of two
-        candidates.append(Wiring(asis[::-1], right, "the channels seem to be in reverse order"))
+        candidates.append(WiringFault(asis[::-1], right, "the channels seem to be in reverse order"))
     return candidates
 
 
@@ -150,7 +150,7 @@ class Wirings:
     def __init__(self, metadata: Metadata, run: Run) -> None:
         self._metadata, self._run = metadata, run
         names = [channel.name for channel in metadata.layout]
-        self._wirings = wirings(names) if len(names) >= CHECKED else []
+        self._wirings = wiring_faults(names) if len(names) >= CHECKED else []
         self._contacts = CONTACTS if len(names) > CHECKED else OF_FEW
         self._places_mm = [list[float]() for _ in self._wirings]
         """Different places of the contacts that each wiring has explained since the last one that it did not."""
