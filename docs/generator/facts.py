@@ -11,7 +11,7 @@ from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamil
 from beamtouch_common.parts import Parts
 from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
-from beamtouch_service.api.health import Figures
+from beamtouch_service.metrics.figures import Figures
 from beamtouch_service.problems import Kind
 from beamtouch_service.record.recorder import Recorder
 from schemas import table
@@ -42,8 +42,9 @@ def metrics() -> str:
             if isinstance(metric, MetricWrapperBase):
                 _begin_series(metric)
         context.parts.failures[""] = 1
-        figures = Figures(context)
-        list(figures.read())
+        figures = Figures(context.counts.registry)
+        figures.read_service(recorder, {}, context.parts.failures)
+        list(figures.read_surfaces([], 0.0))
         served = _metrics(figures.collect())
     read = _metrics(CountCollector([], dict, _failing_parts()).collect())
     return f"## Service\n\n{served}\n\n## Daemon\n\n{read}"

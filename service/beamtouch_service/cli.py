@@ -9,7 +9,7 @@ from beamtouch_common import log
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
 
 PROGRAM = "beamtouch-service"
-LOGGED = ("api", "events", "host", "outputs", "surfaces")
+LOGGED = ("api", "record", "host", "outputs", "surfaces")
 """Parts that write log lines: folders."""
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from anyio.from_thread import start_blocking_portal
 
-from beamtouch_service.api import counts
+from beamtouch_service.metrics import figures
 from service.bench import READ_TOKEN, START_US, TOKEN, Bench, BuildModel, surface_of
 from service.recording import Services
 from support.network.certificates import make_certificate
@@ -43,7 +43,7 @@ def _close_records() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _machine_of_the_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the services of this process have the wall clock of the samples that tests send."""
-    monkeypatch.setattr(counts, "time", lambda: START_US / 1e6)
+    monkeypatch.setattr(figures, "time", lambda: START_US / 1e6)
 
 
 @pytest.fixture

@@ -109,7 +109,7 @@ def test_refusals_are_counted_and_logged_once_a_minute_without_the_token(
     for _ in range(5):
         guarded.get("/contact", token="a-secret-that-is-wrong")  # noqa: S106  # of this test only
         guarded.post(batch_of(), token=READ_TOKEN)
-    assert [record.getMessage() for record in caplog.records if record.name == "beamtouch_service.api.counts"] == [
+    assert [record.getMessage() for record in caplog.records if record.name == "beamtouch_service.api.change_log"] == [
         "refused (unauthorized): 1 since the last such line, the newest from testclient",
         "refused (forbidden): 1 since the last such line, the newest from testclient",
     ]

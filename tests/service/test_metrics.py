@@ -7,7 +7,9 @@ from typing import Unpack
 import pytest
 
 from beamtouch_common.zones import Zone
-from beamtouch_service.api.counts import Counts, clock_ahead_s
+from beamtouch_service.api.change_log import ChangeLog
+from beamtouch_service.metrics.counts import Counts
+from beamtouch_service.metrics.figures import clock_ahead_s
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.channels import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.surface import Surface
@@ -196,11 +198,11 @@ def test_an_output_that_is_begun_again_goes_on_with_its_counts() -> None:
 
 
 class Looked:
-    """A surface at which the counts look after each batch, with a clock of its own."""
+    """A surface whose changes are logged after each batch, with a clock of its own."""
 
     def __init__(self, section: SurfaceSection | None = None) -> None:
         self.now_s = 1000.0
-        self.counts, self.surface = Counts(lambda: self.now_s), surface_of(section=section)
+        self.change_log, self.surface = ChangeLog(lambda: self.now_s), surface_of(section=section)
         self._numbers = Counter[str]()
 
     def send(self, *rows: Row, step_s: float = 1.0, **more: Unpack[BatchOptions]) -> None:
@@ -210,18 +212,18 @@ class Looked:
         more["sequence"] = self._numbers[boot_id] + 1
         self._numbers[boot_id] += len(rows)
         self.surface.receive(parsed(*rows, **more), self.now_s, f"at {boot_id}")
-        self.counts.log_changes(self.surface, self.now_s)
+        self.change_log.log_changes(self.surface, self.now_s)
 
 
 def test_another_sender_is_logged_once_a_minute_with_the_changes_since(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO", "beamtouch_service")
     looked = Looked()
-    looked.counts.log_changes(looked.surface, 1000.0)
+    looked.change_log.log_changes(looked.surface, 1000.0)
     looked.send(boot_id="boot-0000")
     assert caplog.messages == []
     for number in range(1, 4):
         looked.send(boot_id=f"boot-{number:04}")
-    looked.counts.log_changes(looked.surface, looked.now_s)
+    looked.change_log.log_changes(looked.surface, looked.now_s)
     looked.now_s += 60.0
     looked.send(boot_id="boot-last")
     words = "surface press-7: the sender changed to {} (changes since the last line: {})"
@@ -305,7 +307,7 @@ def test_a_long_stretch_is_logged_with_what_explains_it_best(
     looked = Looked(SurfaceSection(unexplained_after_s=0.5))
     monkeypatch.setattr(looked.surface.unexplained, "take_overdue", lambda: Overdue(START_US, suspect, shift_mm))
     monkeypatch.setattr(Surface, "wiring", wiring)
-    looked.counts.log_changes(looked.surface, 1000.0)
+    looked.change_log.log_changes(looked.surface, 1000.0)
     line = f"since {SINCE} neither rest nor a single contact explains the samples (over 0.5 s); {look}"
     assert said(caplog)[0].startswith(line)
 
@@ -362,9 +364,9 @@ def test_a_clock_of_a_daemon_that_is_a_minute_off_is_logged_once_an_hour(
 def test_samples_of_another_beam_are_logged_once_a_minute_for_each_surface(caplog: pytest.LogCaptureFixture) -> None:
     looked = Looked()
     for name in ("press-7", "press-7", "press-8"):
-        looked.counts.other_beam(name, "The reason.")
+        looked.change_log.log_other_beam(name, "The reason.")
     looked.now_s += 60.0
-    looked.counts.other_beam("press-7", "The reason.")
+    looked.change_log.log_other_beam("press-7", "The reason.")
     words = "surface {}: its samples are refused: The reason."
     assert caplog.messages == [words.format(name) for name in ("press-7", "press-8", "press-7")]
 

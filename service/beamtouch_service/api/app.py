@@ -29,8 +29,9 @@ from beamtouch_service.api import (
     stream,
     surfaces,
 )
+from beamtouch_service.api.change_log import ChangeLog
 from beamtouch_service.api.context import Clock, Context, Streams
-from beamtouch_service.api.counts import Counts
+from beamtouch_service.metrics.counts import Counts
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.surfaces.registry import Registry
@@ -117,7 +118,7 @@ def create_app(
     recorder : keeps the events; default: in memory
     names : the names that clients may ask for; default: any
     """
-    registry, counts, recorder = Registry(served), Counts(clock), recorder or Recorder()
+    registry, counts, recorder = Registry(served), Counts(), recorder or Recorder()
     for surface in registry:
         recorder.watch(surface)
         counts.watch(surface)
@@ -127,6 +128,7 @@ def create_app(
         access if isinstance(access, Access) else Access(write=access),
         recorder,
         counts,
+        ChangeLog(clock),
         streams or Streams(),
         names=names,
     )

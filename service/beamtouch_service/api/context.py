@@ -13,8 +13,9 @@ from starlette.types import Scope
 
 from beamtouch_common.parts import Parts
 from beamtouch_service.access import Access, Role
-from beamtouch_service.api.counts import Counts
+from beamtouch_service.api.change_log import ChangeLog
 from beamtouch_service.commissioning.runs import CommissioningRuns
+from beamtouch_service.metrics.counts import Counts
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.record.recorder import Recorder
@@ -54,6 +55,7 @@ class Context:
     access: Access
     recorder: Recorder
     counts: Counts
+    change_log: ChangeLog
     streams: Streams
     commissioning_runs: CommissioningRuns = field(default_factory=CommissioningRuns)
     names: OwnNames | None = None

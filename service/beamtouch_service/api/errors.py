@@ -66,7 +66,9 @@ def client(scope: Scope) -> str:
 
 
 def _counted(scope: Scope, problem: Problem, headers: dict[str, str] | None = None) -> Response:
-    context_of(scope).counts.problem(problem.kind, client(scope))
+    context = context_of(scope)
+    context.counts.count_problem(problem.kind)
+    context.change_log.log_refusal(problem.kind, client(scope))
     return answer(problem, headers)
 
 

@@ -51,7 +51,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         known = name if name in context.registry.names else ""
         context.counts.rejected.labels(known, error.problem.kind.slug).inc()
         if error.problem.kind is Kind.OTHER_BEAM:
-            context.counts.other_beam(name, error.problem.detail)
+            context.change_log.log_other_beam(name, error.problem.detail)
         _log.debug(
             "%s: a batch from %s is refused: %s: %s",
             known,
@@ -61,7 +61,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         )
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
-    context.counts.log_changes(surface, begin_s)
+    context.change_log.log_changes(surface, begin_s)
     durable, expected = await context.recorder.take(surface, batch, received.weighed(surface.model))
     receipt = Receipt(
         accepted=received.accepted,

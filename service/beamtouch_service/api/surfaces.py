@@ -5,13 +5,14 @@ from pydantic import BaseModel
 from starlette.requests import Request
 
 from beamtouch_common.zones import Zone
-from beamtouch_models.runtime import Accuracy, BeamDrawing, Calibration, ModelFile, Noise, Ranges, State
+from beamtouch_models.runtime import BeamDrawing, ModelFile, State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of
 from beamtouch_service.problems import ProblemBody, ProblemError
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
 from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.model_description import ModelDescription, describe_model
 from beamtouch_service.surfaces.order import SampleCounts
 from beamtouch_service.surfaces.problems import no_model
 from beamtouch_service.surfaces.surface import Surface
@@ -64,28 +65,6 @@ class SurfaceList(BaseModel):
     surfaces: list[SurfaceSummary]
 
 
-class ModelDescription(BaseModel):
-    """Metadata of a model."""
-
-    identity: str
-    """Name and the first digits of the file's SHA-256."""
-    beam: str
-    """Identity of the beam with its layout, which a batch may state."""
-    estimator: str
-    length_mm: float
-    channels: list[str]
-    """Names of the channels, in input order."""
-    positions_mm: list[float]
-    """Positions of the channels, from the left end of the beam."""
-    min_channels: int
-    outputs: list[str]
-    ranges: Ranges
-    max_deflection_mm: float
-    noise: Noise
-    accuracy: Accuracy
-    calibration: Calibration | None
-
-
 class Beam(BaseModel):
     """The data to draw a beam."""
 
@@ -134,7 +113,7 @@ async def get_surface(context: ContextParameter, name: SurfaceInPath) -> Surface
 @model_router.get("/surfaces/{name}/model")
 async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDescription:
     """Return the metadata of the model of this surface: layout, ranges, accuracy, calibration."""
-    return describe(_model(context, name))
+    return describe_model(_model(context, name))
 
 
 @model_router.get("/surfaces/{name}/beam")
@@ -175,23 +154,3 @@ def _model(context: Context, name: str) -> ModelFile:
     if surface.model is None:
         raise ProblemError(no_model(name, surface.model_error))
     return surface.model
-
-
-def describe(model: ModelFile) -> ModelDescription:
-    """Return the description of a model."""
-    metadata = model.metadata
-    return ModelDescription(
-        identity=model.identity,
-        beam=metadata.beam,
-        estimator=metadata.estimator,
-        length_mm=metadata.length_mm,
-        channels=model.channels,
-        positions_mm=[channel.position_mm for channel in metadata.layout],
-        min_channels=metadata.min_channels,
-        outputs=list(model.outputs),
-        ranges=metadata.ranges,
-        max_deflection_mm=metadata.max_deflection_mm,
-        noise=metadata.noise,
-        accuracy=metadata.accuracy,
-        calibration=metadata.calibration,
-    )

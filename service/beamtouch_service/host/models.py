@@ -9,7 +9,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.zones import first_conflict
 from beamtouch_models import runtime
 from beamtouch_models.runtime import ModelFile, ModelFileError
-from beamtouch_service.api.surfaces import describe
+from beamtouch_service.surfaces.model_description import describe_model
 from beamtouch_service.surfaces.surface import Surface
 
 POLL_S = 1.0
@@ -31,7 +31,7 @@ def report(path: Path, *, as_json: bool) -> str:
         model = load(path)
     except ModelFileError as error:
         raise InputError(f"model {error}") from None
-    return describe(model).model_dump_json() if as_json else model.summary()
+    return describe_model(model).model_dump_json() if as_json else model.summary()
 
 
 def _parse(content: bytes, origin: str) -> ModelFile:

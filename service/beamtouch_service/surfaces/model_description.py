@@ -1,0 +1,47 @@
+"""The description of a model: `GET /surfaces/NAME/model`, and `beamtouch-service check`. Pure."""
+
+from pydantic import BaseModel
+
+from beamtouch_models.runtime import Accuracy, Calibration, ModelFile, Noise, Ranges
+
+
+class ModelDescription(BaseModel):
+    """Metadata of a model."""
+
+    identity: str
+    """Name and the first digits of the file's SHA-256."""
+    beam: str
+    """Identity of the beam with its layout, which a batch may state."""
+    estimator: str
+    length_mm: float
+    channels: list[str]
+    """Names of the channels, in input order."""
+    positions_mm: list[float]
+    """Positions of the channels, from the left end of the beam."""
+    min_channels: int
+    outputs: list[str]
+    ranges: Ranges
+    max_deflection_mm: float
+    noise: Noise
+    accuracy: Accuracy
+    calibration: Calibration | None
+
+
+def describe_model(model: ModelFile) -> ModelDescription:
+    """Return the description of a model."""
+    metadata = model.metadata
+    return ModelDescription(
+        identity=model.identity,
+        beam=metadata.beam,
+        estimator=metadata.estimator,
+        length_mm=metadata.length_mm,
+        channels=model.channels,
+        positions_mm=[channel.position_mm for channel in metadata.layout],
+        min_channels=metadata.min_channels,
+        outputs=list(model.outputs),
+        ranges=metadata.ranges,
+        max_deflection_mm=metadata.max_deflection_mm,
+        noise=metadata.noise,
+        accuracy=metadata.accuracy,
+        calibration=metadata.calibration,
+    )
