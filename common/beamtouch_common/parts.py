@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.waits import Backoff
 
 if TYPE_CHECKING:
@@ -19,12 +19,12 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
 class Parts:
     """Keeps parts running. Each is named while it fails."""
 
-    def __init__(self, log: logging.Logger) -> None:
+    def __init__(self, logger: logging.Logger) -> None:
         self.failing: dict[str, str] = {}
         """Part -> the error that ended it; empty once it has recovered."""
         self.failures: dict[str, int] = {}
         """Part -> how often an error ended it."""
-        self._log = log
+        self._logger = logger
 
     async def keep(
         self, name: str, work: Callable[[], Awaitable[None]], expected: type[Exception] | tuple[()] = ()
@@ -34,7 +34,7 @@ class Parts:
         `work` must be able to begin again in the same process.
         """
         self.failures.setdefault(name, 0)
-        backoff, repeated = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S), Repeated(self._log)
+        backoff, repeated = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S), Repeated(self._logger)
         while True:
             steady = asyncio.get_running_loop().call_later(backoff.steady_s, self._recover, name, backoff)
             try:
@@ -55,12 +55,12 @@ class Parts:
         first = _first(error)
         self.failing[name] = f"unexpected error ({first!r}); restarting"
         if line := repeated.line_if_due(f"{name}: unexpected error; restarting in {pause_s:g} s", repr(first)):
-            self._log.critical("%s", line, exc_info=error)
+            self._logger.critical("%s", line, exc_info=error)
 
     def _recover(self, name: str, backoff: Backoff) -> None:
         backoff.reset()
         if self.failing.get(name):
-            self._log.info("%s: runs again", name)
+            self._logger.info("%s: runs again", name)
             self.failing[name] = ""
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
-from beamtouch_common import log
+from beamtouch_common import log_lines
 from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_daemon.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
 from beamtouch_daemon.config.value_types import ByteOrder, ValueType
@@ -25,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         arguments = _parser().parse_args(argv)
-        log.set_up(as_json=arguments.log_format == "json", levels=arguments.log_level)
+        log_lines.set_up(as_json=arguments.log_format == "json", levels=arguments.log_level)
         code: int = importlib.import_module(f"beamtouch_daemon.commands.{arguments.command}").run(arguments)
         return code
 
@@ -41,7 +41,7 @@ def _parser() -> Parser:
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         if reads_config:
             command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file (TOML)")
-        log.add_level_option(command, "beamtouch_daemon", LOGGED)
+        log_lines.add_level_option(command, "beamtouch_daemon", LOGGED)
         return command
 
     _add_run(add("run", "read all surfaces and publish their samples until stopped"))

@@ -9,7 +9,7 @@ from ipaddress import ip_address
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.listening import remedy
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 
 RETRY_S = 1.0
 """Time between two attempts to listen."""

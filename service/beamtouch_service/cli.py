@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from beamtouch_common import log
+from beamtouch_common import log_lines
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
 
 PROGRAM = "beamtouch-service"
@@ -59,7 +59,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--key-file", metavar="FILE", help="PEM private key of the certificate")
     words = "limit on the age of a sample that a contact may come from, in ms (default: 500)"
     run.add_argument("--stale-ms", type=float, metavar="N", help=words)
-    log.add_level_option(run, "beamtouch_service", LOGGED)
+    log_lines.add_level_option(run, "beamtouch_service", LOGGED)
 
 
 def _check(arguments: argparse.Namespace) -> int:

@@ -144,7 +144,7 @@ def test_levels_can_be_set_for_the_parts_that_write_lines() -> None:
         folder
         for folder in folders
         for module in pkgutil.iter_modules(import_module(f"beamtouch_daemon.{folder}").__path__)
-        if hasattr(import_module(f"beamtouch_daemon.{folder}.{module.name}"), "_log")
+        if hasattr(import_module(f"beamtouch_daemon.{folder}.{module.name}"), "_logger")
     }
     assert writing == set(cli.LOGGED)
 

@@ -21,7 +21,7 @@ ASK_S = 1.0
 """While samples are not durable, the record is asked at least this often."""
 LAST_ASK_S = 0.2
 """Time between two questions while the daemon stops."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 class Backlog:
@@ -132,7 +132,7 @@ class Backlog:
             boot.pace.halve(len(batch.samples))
         elif batch.samples and answer.problem in NEVER_ACCEPTED:
             number = batch.samples[0].sequence
-            _log.warning("%s: sample %d is dropped: %s", self._logs.name, number, answer.explanation)
+            _logger.warning("%s: sample %d is dropped: %s", self._logs.name, number, answer.explanation)
             boot.refuse(number)
         else:
             note_refusal(self._logs, boot, batch, answer.explanation)

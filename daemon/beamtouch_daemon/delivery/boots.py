@@ -8,7 +8,7 @@ from contextlib import suppress
 from enum import Enum
 from time import monotonic
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.live_window import ENDED, LiveWindow
 from beamtouch_daemon.delivery.log import Counts, Log
@@ -19,7 +19,7 @@ from beamtouch_service.samples import MAX_EARLIER, Batch, Receipt
 
 BACKLOG_RETRY_S = 5.0
 """Longest wait of the backlog after a request that brought the record no further."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 class BacklogState(Enum):
@@ -136,9 +136,9 @@ class SurfaceLogs:
     def __init__(self, name: str) -> None:
         self.name = name
         self.counts = Counts(name)
-        self.fault = Repeated(_log, f"{name}: publishing")
+        self.fault = Repeated(_logger, f"{name}: publishing")
         """Of the delivery to the service."""
-        self.slow = Repeated(_log, name)
+        self.slow = Repeated(_logger, name)
         """Of a line that carries less than is measured, or carries a backlog slowly."""
         self.by_boot: dict[str, Boot] = {}
         self.present: Boot | None = None

@@ -30,7 +30,7 @@ INVALID_REQUEST = PROBLEM + "invalid-request"
 NOT_FOUND = PROBLEM + "not-found"
 NEVER_ACCEPTED = {TOO_LARGE, PROBLEM + "malformed-json", INVALID_REQUEST}
 """Types of problems with a batch. Only the service sends them, never a proxy in front of it."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 _T = TypeVar("_T", bound=BaseModel)
 
 
@@ -163,7 +163,7 @@ class ServiceClient:
         timeout_s: float = TIMEOUT_S,
     ) -> Answer:
         url, begun_s = f"{self.url.rstrip('/')}{path}", monotonic()
-        _log.debug("%s %s with %d bytes", method, url, len(content or b""))
+        _logger.debug("%s %s with %d bytes", method, url, len(content or b""))
         try:
             async with self._session.request(
                 method,
@@ -176,12 +176,12 @@ class ServiceClient:
                 answer = Answer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
             why = _unreachable(error)
-            _log.debug("%s %s: no answer after %.0f ms: %s", method, url, (monotonic() - begun_s) * 1e3, why)
+            _logger.debug("%s %s: no answer after %.0f ms: %s", method, url, (monotonic() - begun_s) * 1e3, why)
             raise why from error
-        if _log.isEnabledFor(logging.DEBUG):
+        if _logger.isEnabledFor(logging.DEBUG):
             words = f" ({answer.explanation})" if not answer.is_success else ""
             took_ms = (monotonic() - begun_s) * 1e3
-            _log.debug("%s %s: status %d after %.1f ms%s", method, url, answer.status, took_ms, words)
+            _logger.debug("%s %s: status %d after %.1f ms%s", method, url, answer.status, took_ms, words)
         return answer
 
 

@@ -5,12 +5,12 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence, Set
 from itertools import groupby, islice
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.samples import Batch, Sample
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 class Counts:
@@ -21,7 +21,7 @@ class Counts:
         """Durable in the record."""
         self.dropped = 0
         """Discarded: for lack of room, refused alone, or lost with the file."""
-        self._repeated = Repeated(_log, surface)
+        self._repeated = Repeated(_logger, surface)
 
     def drop(self, number: int) -> None:
         """Count samples that never reach the record."""

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.delivery.boots import Boot, SurfaceLogs
 from beamtouch_daemon.delivery.log_file import Chunk, ForeignFileError, LogFile, LogFileError
@@ -21,7 +21,7 @@ WRITE_S = 1.0
 MEMORY_S = 5.0
 """Samples that are not durable after this time go to the file. Usually the service makes them durable a second earlier
 (`LATE_S` in its `record/events/surface_record.py`)."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 
@@ -38,7 +38,7 @@ class LogStore:
         self._file = None if path is None else LogFile(path, max_bytes)
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="log")
         self._surfaces: dict[str, SurfaceLogs] = {}
-        self._fault = Repeated(_log, "log file")
+        self._fault = Repeated(_logger, "log file")
         self._writes = asyncio.Lock()
 
     def surface(self, name: str) -> SurfaceLogs:

@@ -7,7 +7,7 @@ from beamtouch_daemon.delivery.boots import Boot, SurfaceLogs
 from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError, Verdict
 from beamtouch_service.samples import Batch
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batch) -> Answer | None:
@@ -25,7 +25,7 @@ async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batc
         now_s = monotonic()
         boot.pace.answered(len(batch.samples), now_s - begin_s, now_s, is_backlog=batch.backlog)
         if batch.backlog and boot.refusal:
-            _log.info("%s: the service takes the samples of boot %s again", logs.name, batch.boot_id)
+            _logger.info("%s: the service takes the samples of boot %s again", logs.name, batch.boot_id)
         if not batch.backlog or logs.present is None:
             logs.fault.over()
         boot.acknowledge(answer.receipt)
@@ -54,5 +54,5 @@ def note_refusal(logs: SurfaceLogs, boot: Boot, batch: Batch, reason: str) -> No
         logs.fault.failed(f"the service takes no samples ({reason}); trying again")
     elif reason != boot.refusal:
         words = "%s: the samples of boot %s wait, the service does not take them (%s)"
-        _log.warning(words, logs.name, batch.boot_id, reason)
+        _logger.warning(words, logs.name, batch.boot_id, reason)
     boot.refusal = reason

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import aclosing
 
 from beamtouch_common.digits import digits
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
@@ -34,7 +34,7 @@ to 20."""
 STALE_PART = 0.2
 """A sample at rest is followed by another one within this part of the time after which it is stale: a live batch is
 not repeated, and some may be lost."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 class Acquisition:
@@ -92,8 +92,8 @@ class Acquisition:
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
         self._arrived = asyncio.Event()
         self._backoff = Backoff(max_s=NEXT_SESSION_S)
-        self._repeated = Repeated(_log, name)
-        self._unreliable = {unit: Repeated(_log, name) for unit in source.requests}
+        self._repeated = Repeated(_logger, name)
+        self._unreliable = {unit: Repeated(_logger, name) for unit in source.requests}
 
     @property
     def kept(self) -> Kept | None:
@@ -140,7 +140,7 @@ class Acquisition:
             return
         notes = () if self.meter.fits else (Note.RATE,)
         if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
-            if _log.isEnabledFor(logging.DEBUG):
+            if _logger.isEnabledFor(logging.DEBUG):
                 self._tell_changes(samples)
             self.quality = samples[-1].sample.quality
             self._sampled_s = samples[-1].monotonic_s
@@ -155,7 +155,7 @@ class Acquisition:
             now = taken.sample.quality
             channels = zip(self.surface.channel_names, before, now, strict=True)
             if changes := [f"{channel} is {new}" for channel, old, new in channels if new != old]:
-                _log.debug("%s: sample %d: %s", self.name, taken.sample.sequence, ", ".join(changes))
+                _logger.debug("%s: sample %d: %s", self.name, taken.sample.sequence, ", ".join(changes))
             before = now
         rests = self._pipeline.most_waiting > 0
         if rests != self._rests:
@@ -163,7 +163,7 @@ class Acquisition:
             words = "one sample for each reading"
             if rests:
                 words = "nothing happens: few samples, each the mean of all readings"
-            _log.debug("%s: sample %d: %s", self.name, samples[-1].sample.sequence, words)
+            _logger.debug("%s: sample %d: %s", self.name, samples[-1].sample.sequence, words)
 
     def _tell_drift(self) -> None:
         """Log once that zeros are nearly as far from the last tare as is followed, and that they are back."""
@@ -172,13 +172,13 @@ class Acquisition:
             return
         self._is_far = far_mm is not None
         if far_mm is None:
-            _log.info("%s: its zeros are near the last tare again", self.name)
+            _logger.info("%s: its zeros are near the last tare again", self.name)
         else:
             words = (
                 "%s: its zeros have drifted by up to %.3g um since the last tare; no more than %.3g um are followed: "
                 "wait until it no longer warms or cools, take everything off the beam, and tare"
             )
-            _log.warning(words, self.name, 1e3 * far_mm, 1e3 * tracking.max_mm)
+            _logger.warning(words, self.name, 1e3 * far_mm, 1e3 * tracking.max_mm)
 
     def _tell_hurry(self) -> None:
         """Log once that a zero drifts faster than is stated, and that none does any more."""
@@ -187,14 +187,14 @@ class Acquisition:
             return
         self._is_hurried = hurried is not None
         if hurried is None:
-            _log.info("%s: its zeros again drift no faster than stated", self.name)
+            _logger.info("%s: its zeros again drift no faster than stated", self.name)
             return
         um_per_min = 1e3 * hurried.mm_per_min
         who, look = "its zeros drift", ""
         if not hurried.is_common:
             who = f"the zero of {self.surface.channel_names[hurried.channel]} drifts"
             look = "look at this sensor and its bracket, or "
-        _log.warning(
+        _logger.warning(
             "%s: %s at %s um/min, %s times what is stated, and answers will soon be wrong: %sstate the drift of the "
             "hall in zero_tracking.drift_um_per_min; a load laid on very slowly looks the same",
             self.name,
@@ -216,7 +216,7 @@ class Acquisition:
         self.last_s = readings[-1].monotonic_s
         self.turned_s = time.monotonic()
         if self.meter.add(readings):
-            _log.log(logging.INFO if self.meter.fits else logging.WARNING, "%s: %s", self.name, self.meter)
+            _logger.log(logging.INFO if self.meter.fits else logging.WARNING, "%s: %s", self.name, self.meter)
         self._report_requests()
         self._unprocessed += readings
         if self._may_wait(readings):
@@ -251,7 +251,7 @@ class Acquisition:
         self._repeated.over()
         self._backoff.reset()
         if self.last_s is None:
-            _log.info("%s: reading", self.name)
+            _logger.info("%s: reading", self.name)
             return reading
         lost = max(0, round((reading.monotonic_s - self.last_s) * self.surface.rate_hz) - 1)
         return reading._replace(lost=lost, failed=0)

@@ -37,7 +37,7 @@ FINISH_S = 2.5
 """Time limit for a stop to deliver the remaining samples; the service makes them durable once a second."""
 RECENT_S = 60.0
 """Age of a tare up to which a start says nothing of it: zeros have hardly drifted."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -82,7 +82,7 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
         buses: Buses = {}
         zeros = KeptZeros(config.zeros_file if config.publish.log_mb else None)
         acquisitions = [_begin(config, name, tare, zeros, store, buses) for name, tare in tares.items()]
-        parts = Parts(_log)
+        parts = Parts(_logger)
         jobs = {f"{one.name} readings": one.read for one in acquisitions}
         jobs |= {f"{one.name} samples": one.run for one in acquisitions}
         jobs |= {f"{one.name} live": Live(client, store.surface(one.name), one.boot).run for one in acquisitions}
@@ -105,7 +105,7 @@ def _begin(
     rest_gap_mm = {} if tare is None else tare.rest_gap_mm
     characteristic = Characteristic.of(surface, rest_gap_mm).identity
     if tare is None:
-        _log.warning("%s: %s", name, NOT_TARED)
+        _logger.warning("%s: %s", name, NOT_TARED)
     rested = zeros.rested(name, characteristic) or _tared(name, surface, tare)
     head = Batch.model_construct(
         boot_id=str(uuid.uuid4()),
@@ -132,7 +132,7 @@ def _tared(name: str, surface: Surface, tare: TareFile | None) -> Rested:
             "%s: of its zeros, only those of the tare are known (%s): a light load that lies on the beam now is taken "
             "for their drift"
         )
-        _log.info(words, name, tare.taken_at)
+        _logger.info(words, name, tare.taken_at)
     return Rested(age_s)
 
 
@@ -170,7 +170,7 @@ async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogSto
                     begun.add(name)
                     backlogs.create_task(parts.keep(f"{name} backlog", Backlog(client, store, logs, line).run))
                     if name not in config.surfaces:
-                        _log.info("%s: not configured; the samples in its log are delivered", name)
+                        _logger.info("%s: not configured; the samples in its log are delivered", name)
             await asyncio.sleep(WATCH_S)
 
 
@@ -188,7 +188,7 @@ def _summaries(acquisitions: Sequence[Acquisition], store: LogStore) -> dict[str
     summaries = {one.name: Summary(one.readings, one.lost) for one in acquisitions}
     for name, logs in store.surfaces().items():
         if lost := logs.give_up():
-            _log.warning("%s: %d samples dropped: neither the service nor the log file took them", name, lost)
+            _logger.warning("%s: %d samples dropped: neither the service nor the log file took them", name, lost)
         summary = summaries.setdefault(name, Summary())
         summary.samples_published = logs.counts.published
         summary.samples_dropped = logs.counts.dropped
@@ -201,7 +201,7 @@ async def _watch(acquisitions: Sequence[Acquisition], parts: Parts, manager: Ser
     pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
     while True:
         if hanging := [one.name for one in acquisitions if one.hangs(monotonic())]:
-            _log.error("no progress on %s", ", ".join(hanging))
+            _logger.error("no progress on %s", ", ".join(hanging))
         else:
             manager.alive(_status(acquisitions, parts))
         await asyncio.sleep(pause_s)

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import read_bounded, write_atomically
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.uptime import uptime_s
 from beamtouch_models.filters import Rested
 from beamtouch_service.samples import SurfaceName
@@ -26,7 +26,7 @@ KEEP_S = 60.0
 """Time between two writes: after a crash, zeros may have drifted for so much longer."""
 STARTED = Path("/proc/sys/kernel/random/boot_id")
 """A text that changes with each start of the machine."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 _STRICT = ConfigDict(extra="forbid", strict=True)
 
 
@@ -65,7 +65,7 @@ class KeptZeros:
 
     def __init__(self, path: Path | None) -> None:
         self._path, self._started = path, STARTED.read_text().strip()
-        self._fault = Repeated(_log)
+        self._fault = Repeated(_logger)
         self._surfaces = {} if path is None else self._read(path)
 
     def rested(self, name: str, characteristic: str) -> Rested | None:
@@ -100,9 +100,9 @@ class KeptZeros:
         except FileNotFoundError:
             return {}
         except OSError as error:
-            _log.warning("%s: %s; the zeros of before are not known", path, error.strerror)
+            _logger.warning("%s: %s; the zeros of before are not known", path, error.strerror)
         except (ValidationError, ValueError, InputError):
-            _log.warning("%s: damaged; the zeros of before are not known", path)
+            _logger.warning("%s: damaged; the zeros of before are not known", path)
         else:
             return content.surfaces if content.started == self._started else {}
         return {}

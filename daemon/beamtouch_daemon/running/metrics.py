@@ -16,7 +16,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from beamtouch_common.listening import remedy
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.parts import Parts
 from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
@@ -25,7 +25,7 @@ from beamtouch_daemon.running.acquisition import Acquisition
 from beamtouch_service.samples import Quality
 
 LOOPBACK = "127.0.0.1"
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 Logs = Callable[[], Mapping[str, SurfaceLogs]]
 """Returns the logs of all surfaces, also of those that are not configured."""
@@ -115,7 +115,7 @@ async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs, part
     """Answer GET /metrics on a loopback port, as soon as it is free, until cancelled."""
     registry = CollectorRegistry()
     registry.register(CountCollector(acquisitions, logs, parts))
-    fault, backoff = Repeated(_log, "metrics"), Backoff()
+    fault, backoff = Repeated(_logger, "metrics"), Backoff()
     while True:
         try:
             server, _ = start_http_server(port, LOOPBACK, registry)

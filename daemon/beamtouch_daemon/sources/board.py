@@ -42,7 +42,7 @@ BACK_S = 0.1
 CLOCK_WENT_BACK = "the device's clock went back"
 FROM_DEVICE = 0x80
 """Types of messages from here on come from devices, others from hosts."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 _TOKENS = 1 << 16
 _REPEATED = 1 << 15
 """More readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
@@ -70,14 +70,14 @@ class BoardLine:
 
     def tell(self, message: Message) -> None:
         """Send a message; SourceError if the port does not accept it."""
-        _log.debug("%s: sent %s", self.path, message)
+        _logger.debug("%s: sent %s", self.path, message)
         self._port.send(encode(message))
 
     async def listen(self, within_s: float) -> list[Arrival]:
         """Wait for bytes and return the messages in them, if any; SourceError without a port."""
         received = await self._port.receive(within_s)
         arrived = self._decoder.feed(received)
-        if _log.isEnabledFor(logging.DEBUG):
+        if _logger.isEnabledFor(logging.DEBUG):
             self._tell_arrivals(received, arrived)
         if any(message.TYPE >= FROM_DEVICE for message in arrived):
             self._port.traffic.note_frame(self._port.taken_s)
@@ -88,11 +88,11 @@ class BoardLine:
     def _tell_arrivals(self, received: bytes, arrived: Sequence[Message]) -> None:
         """Write to the debug log what came."""
         for message in arrived:
-            _log.debug("%s: received %s", self.path, message)
+            _logger.debug("%s: received %s", self.path, message)
         if received and not arrived:
             text = text_of(received)
             kind = f"text: {text!r}" if text else "no whole message, or one with a wrong checksum"
-            _log.debug("%s: %d bytes came (%s): %s", self.path, len(received), in_hex(received), kind)
+            _logger.debug("%s: %d bytes came (%s): %s", self.path, len(received), in_hex(received), kind)
 
     async def ask(
         self, question: Callable[[], Sequence[Message]], within_s: float, max_repeat_s: float = REPEAT_S

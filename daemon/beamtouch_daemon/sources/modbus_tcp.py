@@ -36,7 +36,7 @@ unit, and the other units wait with it."""
 LOOK_AGAIN_S = 60.0
 """A device that has never answered is asked in RTU frames, too: once in this time."""
 _FRAMER = FramerSocket(DECODER)
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 class TcpLink:
@@ -113,12 +113,12 @@ class TcpLink:
             self._close()
             raise self._noted(NoAnswerError(f"{self.name} answered another request", Failure.FOREIGN))
         if answer.exception:
-            _log.debug("%s: %s: %s", self._address, self.name, exception_words(answer.exception))
+            _logger.debug("%s: %s: %s", self._address, self.name, exception_words(answer.exception))
         return answer
 
     def _noted(self, failure: NoAnswerError) -> NoAnswerError:
         """Write to the debug log why there is no answer, and return that."""
-        _log.debug("%s: %s", self._address, failure)
+        _logger.debug("%s: %s", self._address, failure)
         return failure
 
     async def _exchange(self, block: Block) -> Answer | None:
@@ -134,8 +134,8 @@ class TcpLink:
             asked_s = uptime_s()
             try:
                 request = _FRAMER.encode(block.request, self._unit, self._transaction)
-                if _log.isEnabledFor(logging.DEBUG):
-                    _log.debug("%s: %s", self._address, describe_request(self._unit, block, request))
+                if _logger.isEnabledFor(logging.DEBUG):
+                    _logger.debug("%s: %s", self._address, describe_request(self._unit, block, request))
                 writer.write(request)
                 async with asyncio.timeout(self._timeout_s):
                     return answer_to(block, await self._receive(reader), asked_s)
@@ -152,8 +152,8 @@ class TcpLink:
             if is_foreign or len(self._received) < max(HEADER_BYTES, end):
                 if not (data := await reader.read(READ_BYTES)):
                     raise EOFError
-                if _log.isEnabledFor(logging.DEBUG):
-                    _log.debug("%s: %d bytes came (%s)", self._address, len(data), in_hex(data))
+                if _logger.isEnabledFor(logging.DEBUG):
+                    _logger.debug("%s: %d bytes came (%s)", self._address, len(data), in_hex(data))
                 self._received += data
                 continue
             _, unit, transaction, data = _FRAMER.decode(self._received[:end])

@@ -11,7 +11,7 @@ from collections.abc import AsyncGenerator, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, ExitStack, contextmanager
 from typing import Protocol
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
 from beamtouch_daemon.sources.registers import Answer, Block, Value
@@ -24,7 +24,7 @@ GIVEN_UP_AFTER = 3
 
 BOOT_REST_S = 0.5
 """Shortest pause before a unit is tried again that may boot."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 class Link(Protocol):
@@ -159,7 +159,7 @@ class PolledSource:
         self._channels = channels
         self._rate_hz = rate_hz
         self._stamps = Stamps(1 / rate_hz)
-        self._repeated = {part: Repeated(_log, name) for part in parts}
+        self._repeated = {part: Repeated(_logger, name) for part in parts}
         self._attempts: dict[Part, asyncio.Task[None]] = {}
 
     @property

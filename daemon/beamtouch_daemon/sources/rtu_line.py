@@ -16,7 +16,7 @@ from beamtouch_daemon.sources.serial_port import SerialPort
 
 QUIET_S = (0.1, 0.5)
 """Bounds of the silence that a proof needs at the start of a session; in between, it is one timeout."""
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 class RtuLine:
@@ -83,21 +83,21 @@ class RtuLine:
 
     def _tell_answer(self, address: int, block: Block, request: bytes, came: bytes, answer: Answer) -> None:
         """Write an answer to the debug log, with all that came with it."""
-        if _log.isEnabledFor(logging.DEBUG):
+        if _logger.isEnabledFor(logging.DEBUG):
             asked, meaning = describe_request(address, block, request), ""
             if answer.exception:
                 meaning = f"; {exception_words(answer.exception)}"
             took_ms = (uptime_s() - answer.asked_s) * 1e3
             words = "%s: %s; answered after %.1f ms (%s)%s"
-            _log.debug(words, self.port.path, asked, took_ms, in_hex(came), meaning)
+            _logger.debug(words, self.port.path, asked, took_ms, in_hex(came), meaning)
 
     def _tell_silence(self, address: int, block: Block, request: bytes, came: bytes, timeout_s: float) -> None:
         """Write to the debug log that no answer came, and what came instead."""
-        if _log.isEnabledFor(logging.DEBUG):
+        if _logger.isEnabledFor(logging.DEBUG):
             asked, instead = describe_request(address, block, request), describe_received(came, request, address)
             last = self.port.traffic.describe_last_frame(uptime_s())
             words = "%s: %s; no answer within %.0f ms: %s; %s"
-            _log.debug(words, self.port.path, asked, timeout_s * 1e3, instead, last)
+            _logger.debug(words, self.port.path, asked, timeout_s * 1e3, instead, last)
 
     @asynccontextmanager
     async def _held(self) -> AsyncIterator[bytes]:
@@ -105,8 +105,8 @@ class RtuLine:
         async with self._lock:
             await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
             unexpected = self.port.take()
-            if unexpected and _log.isEnabledFor(logging.DEBUG):
-                _log.debug("%s: before a request %s", self.port.path, describe_received(unexpected))
+            if unexpected and _logger.isEnabledFor(logging.DEBUG):
+                _logger.debug("%s: before a request %s", self.port.path, describe_received(unexpected))
             self._note(unexpected)
             self._take_unexpected(unexpected)
             try:

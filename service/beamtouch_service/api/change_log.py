@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from time import monotonic
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.spans import apart, are_apart
 from beamtouch_service.metrics.counts import REFUSALS
 from beamtouch_service.metrics.figures import clock_ahead_s

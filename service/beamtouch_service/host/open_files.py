@@ -11,7 +11,7 @@ from asyncio.trsock import TransportSocket
 from contextlib import suppress
 from typing import Any
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 
 RESERVED = 2
 """Descriptors that it takes to close a waiting connection: one for the socket that listens, one for the connection."""

@@ -16,7 +16,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from beamtouch_common.commands import announce
-from beamtouch_common.log import RepeatedFilter
+from beamtouch_common.log_lines import RepeatedFilter
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context

@@ -9,7 +9,7 @@ import ssl
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from beamtouch_common import log
+from beamtouch_common import log_lines
 from beamtouch_common.errors import InputError
 from beamtouch_models.runtime import ModelFileError
 from beamtouch_service.address import Address
@@ -75,10 +75,10 @@ def prepare(settings: Settings) -> Prepared:
     return Prepared(access, address, [surface for surface, _ in loaded], keepers, outputs, warnings)
 
 
-def run(settings: Settings, levels: Iterable[log.Level] = ()) -> None:
+def run(settings: Settings, levels: Iterable[log_lines.Level] = ()) -> None:
     """Serve until SIGTERM or Ctrl-C, with a log from these levels on; raises what `prepare` raises."""
     prepared, server = prepare(settings), settings.server
-    log.set_up(levels=levels)
+    log_lines.set_up(levels=levels)
     for warning in prepared.warnings:
         _log.warning(warning)
     for surface in prepared.surfaces:

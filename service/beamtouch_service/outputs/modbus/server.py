@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_service.access import Access
 from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context

@@ -9,7 +9,7 @@ from time import monotonic
 from typing import Protocol
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.secrets import read_password
 from beamtouch_common.waits import Backoff
 from beamtouch_service.access import Access

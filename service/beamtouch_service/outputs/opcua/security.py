@@ -21,7 +21,7 @@ from cryptography.x509 import Certificate, verification
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import read_bounded
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.secrets import read_password
 from beamtouch_service.outputs.opcua.section import OpcUaSection
 from beamtouch_service.outputs.opcua.subscriptions import OwnSubscriptions

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sqlalchemy import Connection
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 
 WARN_BYTES = 16_000_000
 """From this size on, the log names the reason: otherwise SQLite begins anew with it after about one MB."""

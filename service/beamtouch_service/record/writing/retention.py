@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection, delete, exists, func, select, tuple_, update
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.spans import apart, are_apart
 from beamtouch_service.record.database.connections import Database
 from beamtouch_service.record.database.tables import CURSORS, EVENTS, IS_FINISHED, TIME

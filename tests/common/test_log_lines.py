@@ -7,7 +7,7 @@ from datetime import datetime
 
 import pytest
 
-from beamtouch_common.log import MAX_REASONS, JsonFormatter, Repeated, RepeatedFilter, TextFormatter
+from beamtouch_common.log_lines import MAX_REASONS, JsonFormatter, Repeated, RepeatedFilter, TextFormatter
 
 LOG = logging.getLogger("beamtouch_tests.log")
 

@@ -1,4 +1,4 @@
-"""The log: a line per event, as text or as JSON, its levels, and a limit on the lines about what repeats."""
+"""Lines of a program's log: a line per event, as text or as JSON, their levels, and a limit on those that repeat."""
 
 import argparse
 import json
@@ -20,7 +20,7 @@ class Repeated:
 
     Parameters
     ----------
-    log : receives the lines
+    logger : receives the lines
     subject : begins each line, as in "press-7: no answer from 10.0.0.1"; empty for none
     every_s : shortest time between two lines with the same reason [s]
     clock : returns the time [s]
@@ -28,13 +28,13 @@ class Repeated:
 
     def __init__(
         self,
-        log: logging.Logger,
+        logger: logging.Logger,
         subject: str = "",
         *,
         every_s: float = REPEAT_S,
         clock: Callable[[], float] = monotonic,
     ) -> None:
-        self._log = log
+        self._logger = logger
         self._prefix = f"{subject}: " if subject else ""
         self._every_s = every_s
         self._clock = clock
@@ -77,19 +77,19 @@ class Repeated:
         if self._failed_since_s is None:
             self._failed_since_s = self._clock()
         if line := self.line_if_due(text, reason):
-            self._log.warning("%s%s", self._prefix, line)
+            self._logger.warning("%s%s", self._prefix, line)
             self._is_failure_logged = True
 
     def over(self, words: str = "works again") -> None:
         """Note a success; log after how long, if the failure before it was logged."""
         if self._failed_since_s is not None and self._is_failure_logged:
-            self._log.info("%s%s after %.1f s", self._prefix, words, self._clock() - self._failed_since_s)
+            self._logger.info("%s%s after %.1f s", self._prefix, words, self._clock() - self._failed_since_s)
         self._failed_since_s, self._is_failure_logged = None, False
 
     def count(self, number: int, things: str, level: int = logging.WARNING) -> None:
         """Count things such as "samples dropped", and log their number since the last line if a line is due."""
         if number and (total := self.due(things, number)):
-            self._log.log(level, "%s%d %s", self._prefix, total, things)
+            self._logger.log(level, "%s%d %s", self._prefix, total, things)
 
 
 class RepeatedFilter(logging.Filter):
