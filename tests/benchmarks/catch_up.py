@@ -25,7 +25,7 @@ from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.boots import Boot
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.live import Live
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
 from beamtouch_service.samples import Batch, Quality, Sample
@@ -69,11 +69,11 @@ class Client:
         return {name: np.percentile(values, (50, 99, 100)).round(1).tolist() for name, values in found.items()}
 
 
-def samples(first: int, number: int) -> list[Taken]:
+def samples(first: int, number: int) -> list[TimedSample]:
     """Return samples with these numbers, of readings that end now."""
     now_s, now_us, good = uptime_s(), int(time.time() * 1e6), [Quality.GOOD] * len(CHANNELS)
     return [
-        Taken(
+        TimedSample(
             Reading(now_s - (number - 1 - place) / 1e3, (None,) * len(CHANNELS)),
             Sample.model_construct(
                 sequence=first + place,

@@ -23,7 +23,7 @@ from rest_trade import NO_LOAD, Taking, Trade
 from serving import TOKEN, service
 
 from beamtouch_daemon.processing.filters import rest_of
-from beamtouch_daemon.processing.pipeline import Pipeline, Taken
+from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
 from beamtouch_models.lab.rig.loads import Load
 from beamtouch_models.lab.rig.surface import VirtualSurface
 
@@ -51,7 +51,7 @@ def recorded(trade: Trade, folder: Path, loads: list[Load], rest_ms: int, seed: 
     sections = f'[events]\nfile = "events.sqlite"\n[surfaces.bench]\nmodel = "{folder.parent / "bench.onnx"}"\n'
     trade.beam = VirtualSurface(trade.scene, trade.model.metadata, seed=seed)
     pipeline = Pipeline(trade.settings, rest=rest_of(trade.settings) if rest_ms else None)
-    taking, waiting, sent, events = Taking(pipeline, rest_ms / 1e3, []), list[Taken](), 0, list[dict[str, Any]]()
+    taking, waiting, sent, events = Taking(pipeline, rest_ms / 1e3, []), list[TimedSample](), 0, list[dict[str, Any]]()
     with (
         service(folder, sections) as (_, port),
         httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=300, trust_env=False) as http,

@@ -21,7 +21,7 @@ from shipped import build
 
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.processing.filters import rest_of
-from beamtouch_daemon.processing.pipeline import Pipeline, Taken
+from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.lab.rig.loads import Load
@@ -48,7 +48,7 @@ class Taking:
     waiting: list[Reading]
     sampled_s: float = 0.0
 
-    def take(self, reading: Reading) -> list[Taken]:
+    def take(self, reading: Reading) -> list[TimedSample]:
         """Return the samples that are published with this reading."""
         self.waiting.append(reading)
         is_due = reading.monotonic_s - self.sampled_s >= self.rest_s
@@ -100,7 +100,7 @@ class Trade:
         """Return the surface of a service."""
         return Surface("bench", self.model, SurfaceSection(stale_ms=STALE_MS))
 
-    def batch(self, taken: list[Taken]) -> Batch:
+    def batch(self, taken: list[TimedSample]) -> Batch:
         """Return a live batch."""
         head = {"boot_id": "benchmark-1", "channels": self.settings.channel_names, "newest_age_ms": 0.0}
         return Batch.model_validate({**head, "samples": [one.sample.model_dump() for one in taken]})

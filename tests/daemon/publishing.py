@@ -12,7 +12,7 @@ from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.live import Live
 from beamtouch_daemon.delivery.log_store import LogStore
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.tasks import cancel
 from beamtouch_service.samples import Batch, Note, Quality, Sample
@@ -28,7 +28,7 @@ def boot(boot_id: str = "boot-0001", channels: list[str] = CHANNELS) -> Batch:
     return Batch(boot_id=boot_id, channels=channels, samples=[])
 
 
-def taken(first: int, number: int, age_s: float = 0.0, notes: tuple[Note, ...] = ()) -> list[Taken]:
+def taken(first: int, number: int, age_s: float = 0.0, notes: tuple[Note, ...] = ()) -> list[TimedSample]:
     """Return samples with these numbers, all of the same age."""
     good = [Quality.GOOD, Quality.MISSING]
     return [
@@ -39,12 +39,12 @@ def taken(first: int, number: int, age_s: float = 0.0, notes: tuple[Note, ...] =
     ]
 
 
-def taken_of(sample: Sample, age_s: float = 0.0, notes: tuple[Note, ...] = ()) -> Taken:
+def taken_of(sample: Sample, age_s: float = 0.0, notes: tuple[Note, ...] = ()) -> TimedSample:
     """Return a sample of this age."""
-    return Taken(Reading(uptime_s() - age_s, (None, None)), sample, notes)
+    return TimedSample(Reading(uptime_s() - age_s, (None, None)), sample, notes)
 
 
-class Interrupting(Taken):
+class Interrupting(TimedSample):
     """A sample at which the sender is interrupted, as by other programs."""
 
     @property
@@ -89,7 +89,7 @@ class Bench:
         await self._client.__aexit__()
         assert ends == []
 
-    def put(self, samples: list[Taken]) -> None:
+    def put(self, samples: list[TimedSample]) -> None:
         """Add samples, and wake the live reader."""
         self.boot.put(samples)
         self.boot.wake_live()

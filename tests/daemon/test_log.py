@@ -4,7 +4,7 @@ import pytest
 
 from beamtouch_daemon.delivery.log import Counts, Log
 from beamtouch_daemon.delivery.log_file import Chunk
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Note
 
@@ -33,7 +33,7 @@ class Held:
         return self.log.oldest, self.log.on_disk, self.log.in_memory, self.log.next
 
 
-def numbers(samples: list[Taken]) -> list[int]:
+def numbers(samples: list[TimedSample]) -> list[int]:
     return [one.sample.sequence for one in samples]
 
 
@@ -118,10 +118,10 @@ def test_samples_from_memory_are_those_up_to_the_next_note() -> None:
     assert found == [[2], [3, 4], [4], [6], [], []]
 
 
-def old(number: int, *ages_s: float) -> list[Taken]:
+def old(number: int, *ages_s: float) -> list[TimedSample]:
     """Return samples from `number` on that are so old at 100 s."""
     each = zip(taken(number, len(ages_s)), ages_s, strict=True)
-    return [Taken(Reading(100.0 - age_s, (None, None)), one.sample, one.notes) for one, age_s in each]
+    return [TimedSample(Reading(100.0 - age_s, (None, None)), one.sample, one.notes) for one, age_s in each]
 
 
 def test_all_in_memory_should_be_on_disk_once_the_oldest_is_old() -> None:

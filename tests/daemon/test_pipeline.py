@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.filters import steps_mm
-from beamtouch_daemon.processing.pipeline import Pipeline, Taken
+from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Note, Quality, Sample
@@ -29,11 +29,11 @@ def readings_of(*counts: Sequence[Counts], start_s: float = 5.0, lost: int = 0) 
     return [Reading(start_s + index / RATE_HZ, tuple(row), 0 if index else lost) for index, row in enumerate(counts)]
 
 
-def deflections(taken: list[Taken]) -> list[float | None]:
+def deflections(taken: list[TimedSample]) -> list[float | None]:
     return [one.sample.deflection_mm[0] for one in taken]
 
 
-def qualities(taken: list[Taken]) -> list[Quality]:
+def qualities(taken: list[TimedSample]) -> list[Quality]:
     return [one.sample.quality[0] for one in taken]
 
 

@@ -12,7 +12,7 @@ import httpx2
 import numpy as np
 import pytest
 
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_service.samples import Batch, Quality, Sample
 from daemon.thin_line import ThinLine, thin_line
 from support.network.plain_http import TIMEOUT_S
@@ -68,7 +68,7 @@ async def test_after_an_outage_answers_are_fresh_and_the_record_gets_everything(
     assert counts["samples_published"] == counts["readings"]
 
 
-def measured(number: int, draws: np.random.Generator) -> Taken:
+def measured(number: int, draws: np.random.Generator) -> TimedSample:
     """Return a sample whose digits are noise, as those of a sensor are: of others, next to nothing travels."""
     return taken_of(
         Sample(

@@ -12,7 +12,7 @@ import numpy as np
 
 from beamtouch_daemon.config.settings import Surface as Settings
 from beamtouch_daemon.processing.filters import rest_of
-from beamtouch_daemon.processing.pipeline import Pipeline, Taken
+from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.scene import parse_scene
@@ -150,7 +150,7 @@ class Line:
                 self._record(said, course)
         return said
 
-    def _receive(self, taken: list[Taken]) -> list[Decision]:
+    def _receive(self, taken: list[TimedSample]) -> list[Decision]:
         head = {"boot_id": BOOT, "channels": self.settings.channel_names, "newest_age_ms": 0.0, "characteristic": "c"}
         noise_mm = None if self.settings.noise_mm is None else [self.settings.noise_mm] * len(self.settings.channels)
         batch = Batch.model_validate(head | {"noise_mm": noise_mm, "samples": [one.sample for one in taken]})
@@ -159,7 +159,7 @@ class Line:
             self._boot.add(decision.estimate)
         return decisions
 
-    def _judge(self, said: Said, course: Course, taken: Taken, decision: Decision) -> None:
+    def _judge(self, said: Said, course: Course, taken: TimedSample, decision: Decision) -> None:
         if decision.state is None:
             return
         at_s, notes = taken.monotonic_s, [*decision.notes(self.model), *taken.notes]

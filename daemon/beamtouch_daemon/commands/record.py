@@ -27,7 +27,7 @@ from beamtouch_daemon.config.tare_file import NOT_TARED
 from beamtouch_daemon.measuring.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps, steps_mm
 from beamtouch_daemon.measuring.known_loads import Load, LoadFile, parse_load
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
-from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
+from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample, counts_of
 from beamtouch_daemon.sources.configured import source_of
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_service.samples import Quality
@@ -111,7 +111,7 @@ class Dialogue:
     record : Returns the samples of a load; LoadRefusedError if it cannot be recorded.
     """
 
-    def __init__(self, file: LoadFile, limits: Loads | None, record: Callable[[Load], list[Taken]]) -> None:
+    def __init__(self, file: LoadFile, limits: Loads | None, record: Callable[[Load], list[TimedSample]]) -> None:
         self.refused: list[Load] = []
         """Loads that were refused or removed, and have not been recorded since."""
         self._file = file
@@ -174,7 +174,7 @@ class Dialogue:
         return typed_line()
 
 
-async def record_load(surface: Surface, rest_gap_mm: dict[str, float], load: Load, seconds: float) -> list[Taken]:
+async def record_load(surface: Surface, rest_gap_mm: dict[str, float], load: Load, seconds: float) -> list[TimedSample]:
     """Wait until the surface has settled, then return the samples of the next `seconds` [s].
 
     Lost readings are waited for, for up to `GIVE_UP_S`.
@@ -187,7 +187,7 @@ async def record_load(surface: Surface, rest_gap_mm: dict[str, float], load: Loa
         The source failed.
     """
     pipeline = Pipeline(surface, rest_gap_mm)
-    samples: list[Taken] = []
+    samples: list[TimedSample] = []
     enough = max(MIN_SAMPLES, round(seconds * surface.rate_hz))
     async with aclosing(source_of(surface).readings()) as stream:
         if not load.is_accepted:

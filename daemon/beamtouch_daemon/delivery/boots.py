@@ -14,7 +14,7 @@ from beamtouch_daemon.delivery.live_window import ENDED, LiveWindow
 from beamtouch_daemon.delivery.log import Counts, Log
 from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.delivery.pace import Pace
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_service.samples import MAX_EARLIER, Batch, Receipt
 
 BACKLOG_RETRY_S = 5.0
@@ -83,7 +83,7 @@ class Boot:
             return False
         return self.log.next - missing.start <= self.pace.most
 
-    def put(self, samples: Sequence[Taken]) -> None:
+    def put(self, samples: Sequence[TimedSample]) -> None:
         """Add samples with the next numbers to the log."""
         self.log.put(samples)
 

@@ -15,7 +15,7 @@ from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.boots import BacklogState, Boot, SurfaceLogs
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.sending import send
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_service.samples import Batch
 
 LIVE_RETRY_S = 1.0
@@ -66,7 +66,7 @@ class Live:
         rest_s = pace.beside_s if boot.backlog_state is BacklogState.SENDS else pace.rest_s(self._took_s)
         return max(self._due_s, boot.live.begun_s + rest_s)
 
-    def _samples(self) -> list[Taken]:
+    def _samples(self) -> list[TimedSample]:
         """Return the samples of the next batch; none if there are no new ones."""
         boot = self._boot
         if boot.live.next >= boot.log.next:
@@ -77,7 +77,7 @@ class Live:
             first = boot.missing.start
         return boot.log.from_memory(range(first, boot.log.next))
 
-    async def _send(self, samples: Sequence[Taken]) -> None:
+    async def _send(self, samples: Sequence[TimedSample]) -> None:
         boot, first = self._boot, samples[0].sample.sequence
         boot.live.sent_s = begin_s = monotonic()
         boot.changed.set()
@@ -96,7 +96,7 @@ class Live:
             boot.hasten()
         self._took_s = monotonic() - begin_s
 
-    def _batch(self, samples: Sequence[Taken]) -> Batch:
+    def _batch(self, samples: Sequence[TimedSample]) -> Batch:
         # One look at one clock: an interruption between two would falsify the age.
         now_s = uptime_s()
         age_ms = max(0.0, (now_s - samples[-1].monotonic_s) * 1e3)

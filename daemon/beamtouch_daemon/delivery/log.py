@@ -7,7 +7,7 @@ from itertools import groupby, islice
 
 from beamtouch_common.log_lines import Repeated
 from beamtouch_daemon.delivery.log_file import Chunk
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_service.samples import Batch, Sample
 
 _logger = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ class Log:
         self._over = 0
         """Number of the last sample that is durable, or was dropped from memory."""
         self._chunks: deque[Chunk] = deque()
-        self._memory: deque[Taken] = deque()
+        self._memory: deque[TimedSample] = deque()
 
     @property
     def is_empty(self) -> bool:
@@ -80,7 +80,7 @@ class Log:
         """Number of the oldest sample in memory; that of the next one if there is none."""
         return self.next - len(self._memory)
 
-    def batch(self, samples: Sequence[Taken]) -> Batch:
+    def batch(self, samples: Sequence[TimedSample]) -> Batch:
         """Return a backlog of samples with the same notes. The service validates it."""
         notes = [str(note) for note in samples[0].notes] if samples else []
         return self.backlog_batch([one.sample for one in samples], notes)
@@ -89,13 +89,13 @@ class Log:
         """Return a backlog of samples that were taken under these notes."""
         return self.head.model_copy(update={"samples": list(samples), "notes": list(notes), "backlog": True})
 
-    def put(self, samples: Sequence[Taken]) -> None:
+    def put(self, samples: Sequence[TimedSample]) -> None:
         """Add samples with the next numbers; without room, drop the oldest in memory."""
         self._memory.extend(samples)
         self.next += len(samples)
         self._drop_memory(len(self._memory) - self._max_samples)
 
-    def from_memory(self, numbers: range) -> list[Taken]:
+    def from_memory(self, numbers: range) -> list[TimedSample]:
         """Return the samples in memory with these numbers, as far as they have the notes of the first one."""
         begin = numbers.start - self.oldest_in_memory
         if begin < 0 or not numbers:
@@ -106,7 +106,7 @@ class Log:
         """Return the chunk with a sample."""
         return next((chunk for chunk in self._chunks if chunk.first <= number <= chunk.last), None)
 
-    def for_disk(self, max_age_s: float, now_s: float, before: int, most: int) -> list[list[Taken]]:
+    def for_disk(self, max_age_s: float, now_s: float, before: int, most: int) -> list[list[TimedSample]]:
         """Return the samples in memory before a number, if they should be on disk: at most `most` for each chunk.
 
         They should if the oldest is older than `max_age_s`, or memory is half full.
@@ -159,7 +159,7 @@ class Log:
             self._counts.drop(number)
 
 
-def _runs(samples: Iterable[Taken], most: int) -> Iterator[list[Taken]]:
+def _runs(samples: Iterable[TimedSample], most: int) -> Iterator[list[TimedSample]]:
     """Yield samples in runs for one batch each: at most so many, and with the same notes."""
     for _, alike in groupby(samples, lambda one: one.notes):
         while run := list(islice(alike, most)):

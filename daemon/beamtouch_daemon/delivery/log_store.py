@@ -13,7 +13,7 @@ from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.delivery.boots import Boot, SurfaceLogs
 from beamtouch_daemon.delivery.log_file import Chunk, ForeignFileError, LogFile, LogFileError
 from beamtouch_daemon.delivery.pace import most_in_batch
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_service.samples import Batch
 
 WRITE_S = 1.0
@@ -126,7 +126,7 @@ class LogStore:
                 boot.log.keep(rows)
 
 
-def _for_disk(boot: Boot, max_age_s: float | None) -> list[list[Taken]]:
+def _for_disk(boot: Boot, max_age_s: float | None) -> list[list[TimedSample]]:
     """Return what to write of a boot, in pieces for one chunk each. New samples are left for a live batch."""
     log, most = boot.log, most_in_batch(len(boot.log.head.channels))
     if max_age_s is None:

@@ -15,7 +15,7 @@ from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import require_writable
 from beamtouch_daemon.config.settings import Loads
 from beamtouch_daemon.measuring.figures import counts_text, rounded
-from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.processing.pipeline import TimedSample
 
 LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")
 CHANNEL_COLUMNS = ("counts", "deflection_mm", "quality")
@@ -85,7 +85,7 @@ class LoadFile:
         if path.exists():
             self.loads = _last_load(path, self._header)
 
-    def write(self, load: Load, samples: Sequence[Taken]) -> None:
+    def write(self, load: Load, samples: Sequence[TimedSample]) -> None:
         """Add a load, and begin the file with the first one; FailedError if that is impossible."""
         number = self.loads + 1
         rows: list[Sequence[object]] = [_row(number, load, taken) for taken in samples]
@@ -136,7 +136,7 @@ def _last_load(path: Path, header: Sequence[str]) -> int:
     raise InputError(message)
 
 
-def _row(number: int, load: Load, taken: Taken) -> list[object]:
+def _row(number: int, load: Load, taken: TimedSample) -> list[object]:
     sample = taken.sample
     cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", number, load.position_mm, load.force_n]
     for count, value, quality in zip(taken.reading.counts, sample.deflection_mm, sample.quality, strict=True):

@@ -22,7 +22,7 @@ _STUCK = QUALITIES.index(Quality.STUCK)
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class TimedSample:
     """A sample and the newest reading in it."""
 
     reading: Reading
@@ -101,7 +101,7 @@ class Pipeline:
 
     def process(
         self, readings: Sequence[Reading], unix_minus_monotonic_s: float, notes: tuple[Note, ...] = ()
-    ) -> list[Taken]:
+    ) -> list[TimedSample]:
         """Return one sample per reading, one of all of them if nothing happens, or none.
 
         There is none while the filter has too few readings of every channel.
@@ -139,7 +139,9 @@ class Pipeline:
             notes = (*notes, Note.ZEROS)
         rows = zip(readings, values.tolist(), codes.tolist(), stated, drifts, waits, strict=True)
         return [
-            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt, drift), notes)
+            TimedSample(
+                reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt, drift), notes
+            )
             for reading, value, code, doubt, drift, wait in rows
             if not wait
         ]

@@ -13,7 +13,7 @@ from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.delivery.boots import Boot
-from beamtouch_daemon.processing.pipeline import Pipeline, Taken
+from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
 from beamtouch_daemon.processing.rate import RateMeter
 from beamtouch_daemon.running.kept_zeros import Kept, kept_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
@@ -65,7 +65,7 @@ class Acquisition:
         self.surface = surface
         self.boot = boot
         self.readings = 0
-        """Taken."""
+        """TimedSample."""
         self.lost = 0
         """Due but not taken."""
         self.is_missing = True
@@ -148,7 +148,7 @@ class Acquisition:
         self._tell_drift()
         self._tell_hurry()
 
-    def _tell_changes(self, samples: Sequence[Taken]) -> None:
+    def _tell_changes(self, samples: Sequence[TimedSample]) -> None:
         """Write to the debug log which channels changed, and whether the beam began to move or to rest."""
         before: Sequence[Quality | None] = self.quality or [None] * len(self.surface.channel_names)
         for taken in samples:
