@@ -50,7 +50,7 @@ CAUSES = {
 
 
 @dataclass(frozen=True, slots=True)
-class ChannelState:
+class ChannelCheck:
     """One channel in one reading."""
 
     channel: str
@@ -64,13 +64,13 @@ class ChannelState:
 
 
 @dataclass(frozen=True, slots=True)
-class SurfaceState:
+class SurfaceCheck:
     """All channels of a surface in one reading, or the error that prevented it."""
 
     surface: str
     file: Path
     """The configuration file that has the surface."""
-    channels: tuple[ChannelState, ...] = ()
+    channels: tuple[ChannelCheck, ...] = ()
     error: str | None = None
     seen: str = ""
     """Traffic of a device that gives no readings."""
@@ -120,13 +120,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; FailedError if a surface is not good, InputError if a file cannot be used."""
     config = load_config(arguments.config)
     wait_s: float | None = arguments.wait
-    states = asyncio.run(_read_once(config) if wait_s is None else _wait(config, wait_s))
-    complaints = [f"{state.surface}: {text}" for state in states for text in state.complaints()]
+    checks = asyncio.run(_read_once(config) if wait_s is None else _wait(config, wait_s))
+    complaints = [f"{check.surface}: {text}" for check in checks for text in check.complaints()]
     if arguments.json:
-        surfaces = {state.surface: _as_json(state, asked=wait_s is not None) for state in states}
+        surfaces = {check.surface: _as_json(check, asked=wait_s is not None) for check in checks}
         print(json.dumps({"good": not complaints, "surfaces": surfaces}))
     else:
-        print("\n".join(_lines(states, with_files=bool(config.include))))
+        print("\n".join(_lines(checks, with_files=bool(config.include))))
         if wait_s is None:
             print(NOT_ASKED)
     if complaints:
@@ -134,13 +134,13 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-async def _read_once(config: Config) -> list[SurfaceState]:
+async def _read_once(config: Config) -> list[SurfaceCheck]:
     """Check once; InputError if a tare file does not fit."""
     return await _read_all(config, _sources_of(config))
 
 
-async def _wait(config: Config, wait_s: float) -> list[SurfaceState]:
-    """Check until all channels arrive and the service takes samples, for about `wait_s` [s]; return the last states.
+async def _wait(config: Config, wait_s: float) -> list[SurfaceCheck]:
+    """Check until all channels arrive and the service takes samples, for about `wait_s` [s]; return the last checks.
 
     An attempt that has begun is completed. InputError if a tare file, the token or a certificate cannot be used.
     """
@@ -151,21 +151,21 @@ async def _wait(config: Config, wait_s: float) -> list[SurfaceState]:
         for source in sources.values():
             stack.enter_context(source.kept_open())
         while True:
-            states = await _read_all(config, sources)
-            states = await asyncio.gather(*(_ask(client, state, config.surfaces[state.surface]) for state in states))
-            waiting = [f"waiting: {state.surface}: {state.awaited}" for state in states if state.awaited]
+            checks = await _read_all(config, sources)
+            checks = await asyncio.gather(*(_ask(client, check, config.surfaces[check.surface]) for check in checks))
+            waiting = [f"waiting: {check.surface}: {check.awaited}" for check in checks if check.awaited]
             left_s = deadline_s - monotonic()
             if not waiting or left_s <= 0:
-                return states
+                return checks
             if waiting != printed:
                 print(*waiting, sep="\n", file=sys.stderr, flush=True)
                 printed = waiting
             await asyncio.sleep(min(PAUSE_S, left_s))
 
 
-async def _ask(client: ServiceClient, state: SurfaceState, surface: Surface) -> SurfaceState:
-    readiness = await readiness_of(client, state.surface, surface)
-    return replace(state, refusal=readiness.refusal, doubt=readiness.doubt)
+async def _ask(client: ServiceClient, check: SurfaceCheck, surface: Surface) -> SurfaceCheck:
+    readiness = await readiness_of(client, check.surface, surface)
+    return replace(check, refusal=readiness.refusal, doubt=readiness.doubt)
 
 
 def _sources_of(config: Config) -> dict[str, Source]:
@@ -173,19 +173,19 @@ def _sources_of(config: Config) -> dict[str, Source]:
     return {name: source_of(surface, name, buses) for name, surface in config.surfaces.items()}
 
 
-async def _read_all(config: Config, sources: Mapping[str, Source]) -> list[SurfaceState]:
+async def _read_all(config: Config, sources: Mapping[str, Source]) -> list[SurfaceCheck]:
     """Read every surface, all at the same time; InputError if a tare file does not fit."""
     rest = config.read_rest_gaps()
 
-    async def read(name: str, surface: Surface) -> SurfaceState:
+    async def read(name: str, surface: Surface) -> SurfaceCheck:
         source = sources[name]
         try:
             *_, reading = await first_readings(source, _readings_of(surface))
         except SourceError as error:
-            return SurfaceState(
+            return SurfaceCheck(
                 name, config.file_of(name), error=error.reason, seen=error.seen, is_tared=bool(rest[name])
             )
-        return SurfaceState(
+        return SurfaceCheck(
             name,
             config.file_of(name),
             _channels(surface, rest[name], reading),
@@ -206,48 +206,48 @@ def _readings_of(surface: Surface) -> int:
     return max(1, min(READINGS, round(LONGEST_S * surface.rate_hz)))
 
 
-def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading) -> tuple[ChannelState, ...]:
+def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading) -> tuple[ChannelCheck, ...]:
     characteristic = Characteristic.of(surface, rest_gap_mm)
     counts = counts_of([reading])
     (gaps,) = characteristic.gap(counts)
     qualities = [QUALITIES[code] for code in characteristic.quality(counts)[0].tolist()]
     steps_mm = np.maximum(resolution.finest(surface) * characteristic.steepest, surface.noise_mm or 0.0)
-    states = []
+    checks = []
     for index, (name, count) in enumerate(zip(surface.channel_names, reading.counts, strict=True)):
         decimals = decimals_of(float(steps_mm[index]))
         gap_mm = deflection_mm = None
         if not math.isnan(gaps[index]):
             gap_mm = rounded(float(gaps[index]), decimals)
             deflection_mm = rounded(float(characteristic.rest_gap[index] - gaps[index]), decimals)
-        states.append(ChannelState(name, count, gap_mm, deflection_mm, qualities[index], decimals))
-    return tuple(states)
+        checks.append(ChannelCheck(name, count, gap_mm, deflection_mm, qualities[index], decimals))
+    return tuple(checks)
 
 
-def _as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
-    """Return the state of a surface for JSON; `asked`: whether the service was asked."""
+def _as_json(check: SurfaceCheck, *, asked: bool) -> dict[str, object]:
+    """Return the check of a surface for JSON; `asked`: whether the service was asked."""
     return {
-        "file": str(state.file),
-        "error": state.full_error or None,
+        "file": str(check.file),
+        "error": check.full_error or None,
         "channels": [
             {
                 **{key: value for key, value in asdict(channel).items() if key != "decimals"},
                 "counts": None if channel.counts is None else json.loads(counts_text(channel.counts)),
             }
-            for channel in state.channels
+            for channel in check.channels
         ],
-        "limits": state.limits,
-        "tared": state.is_tared,
-        "failing": state.failing,
-        "service": (state.refusal or "takes samples") if asked else None,
-        "doubt": state.doubt,
+        "limits": check.limits,
+        "tared": check.is_tared,
+        "failing": check.failing,
+        "service": (check.refusal or "takes samples") if asked else None,
+        "doubt": check.doubt,
     }
 
 
-def _lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]:
+def _lines(checks: Sequence[SurfaceCheck], *, with_files: bool) -> Iterator[str]:
     """Yield the table, with the file of each surface if there are several, and below it what limits the readings."""
     rows = [
         (
-            state.surface,
+            check.surface,
             channel.channel,
             "-" if channel.counts is None else counts_text(channel.counts),
             *(
@@ -255,13 +255,13 @@ def _lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]
                 for length_mm in (channel.gap_mm, channel.deflection_mm)
             ),
             channel.quality.value,
-            *[str(state.file)] * with_files,
+            *[str(check.file)] * with_files,
         )
-        for state in states
-        for channel in state.channels
+        for check in checks
+        for channel in check.channels
     ]
     yield from aligned([*HEAD, *["file"] * with_files], rows, right=NUMBERS)
-    for state in states:
-        failing = () if state.is_unreliable else state.failing
-        texts = (*state.limits, *failing, "" if state.is_tared else NOT_TARED, state.doubt)
-        yield from (f"{state.surface}: {text}" for text in texts if text)
+    for check in checks:
+        failing = () if check.is_unreliable else check.failing
+        texts = (*check.limits, *failing, "" if check.is_tared else NOT_TARED, check.doubt)
+        yield from (f"{check.surface}: {text}" for text in texts if text)
