@@ -14,7 +14,7 @@ from time import monotonic, time
 from typing import NamedTuple
 
 
-class Pace(NamedTuple):
+class RequestPace(NamedTuple):
     """How fast samples are taken and sent."""
 
     rate_hz: int
@@ -27,7 +27,7 @@ class Pace(NamedTuple):
 class Sender:
     """One surface's samples over one connection."""
 
-    def __init__(self, surface: str, channels: dict[str, float], token: str, pace: Pace) -> None:
+    def __init__(self, surface: str, channels: dict[str, float], token: str, pace: RequestPace) -> None:
         self._pace = pace
         self.delays_s: list[float] = []
         self.acknowledged = 0
@@ -70,7 +70,7 @@ class Sender:
 
 
 async def load(
-    port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str, pace: Pace
+    port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str, pace: RequestPace
 ) -> dict[str, float]:
     """Send to so many surfaces for so long."""
     senders = [Sender(f"s{number}", channels, token, pace) for number in range(surfaces)]
@@ -88,4 +88,4 @@ async def load(
 if __name__ == "__main__":
     _, given_port, given_channels, given_surfaces, given_seconds, given_token, rate_hz, every_s, *more = sys.argv
     given = int(given_port), json.loads(given_channels), int(given_surfaces), float(given_seconds), given_token
-    print(json.dumps(asyncio.run(load(*given, Pace(int(rate_hz), float(every_s), *map(int, more))))))
+    print(json.dumps(asyncio.run(load(*given, RequestPace(int(rate_hz), float(every_s), *map(int, more))))))

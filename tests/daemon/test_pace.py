@@ -4,21 +4,21 @@ from math import inf, nextafter
 
 import pytest
 
-from beamtouch_daemon.delivery.pace import Pace, most_in_batch
+from beamtouch_daemon.delivery.pace import RequestPace, most_in_batch
 from beamtouch_service.samples import MAX_SAMPLES
 
 QUICKEST_S = 0.125
 
 
-def pace_of(most: int = 25, stale_s: float | None = None) -> Pace:
+def pace_of(most: int = 25, stale_s: float | None = None) -> RequestPace:
     """Return the pace of four channels on a line whose quickest request took `QUICKEST_S`."""
-    pace = Pace(4)
+    pace = RequestPace(4)
     pace.stale_s, pace.most = stale_s, most
     answered(pace, 1, QUICKEST_S)
     return pace
 
 
-def answered(pace: Pace, samples: int, took_s: float, now_s: float = 0.0) -> int:
+def answered(pace: RequestPace, samples: int, took_s: float, now_s: float = 0.0) -> int:
     """Let a live batch be answered; return the limit of the next request."""
     pace.answered(samples, took_s, now_s, is_backlog=False)
     return pace.most
@@ -31,7 +31,7 @@ def test_a_request_holds_250_samples_and_of_many_channels_fewer() -> None:
 
 
 def test_the_first_request_is_a_tenth_and_each_that_is_quick_doubles_the_next() -> None:
-    assert [Pace(channels).most for channels in (4, 64)] == [25, 1]
+    assert [RequestPace(channels).most for channels in (4, 64)] == [25, 1]
     pace = pace_of()
     assert [answered(pace, pace.most, QUICKEST_S) for _ in range(5)] == [50, 100, 200, 250, 250]
     assert not pace.is_thin
@@ -67,7 +67,7 @@ def test_a_request_of_less_than_half_the_limit_says_nothing_of_a_large_one() -> 
 
 def test_a_service_that_takes_long_for_each_request_gets_as_many_samples_a_second_as_a_quick_one() -> None:
     for took_s, most in ((0.2, 250), (0.4, 500), (0.5, 625), (10.0, 2000)):
-        pace = Pace(4)
+        pace = RequestPace(4)
         for _ in range(8):
             answered(pace, pace.most, took_s)
         assert (pace.most, pace.is_thin) == (most, False)
@@ -89,7 +89,7 @@ def test_sizes_that_differ_little_do_not_show_what_a_sample_takes() -> None:
 
 
 def test_the_quickest_request_is_that_of_two_windows_of_half_a_minute() -> None:
-    pace = Pace(4)
+    pace = RequestPace(4)
     times = [(0.0, 0.25), (30.0, 0.75), (30.5, 0.75), (60.5, 0.75), (61.0, 0.75)]
     found = []
     for now_s, took_s in times:
@@ -99,14 +99,14 @@ def test_the_quickest_request_is_that_of_two_windows_of_half_a_minute() -> None:
 
 
 def test_a_timeout_is_four_times_the_quickest_request_and_at_most_4_s() -> None:
-    pace = Pace(4)
+    pace = RequestPace(4)
     assert pace.timeout_s == 2.0
     answered(pace, 0, 1.5)
     assert pace.timeout_s == 4.0
 
 
 def test_after_a_timeout_the_next_request_gets_4_s() -> None:
-    pace = Pace(4)
+    pace = RequestPace(4)
     pace.unanswered(1, nextafter(2.0, 0.0))
     assert pace.timeout_s == 2.0
     pace.unanswered(1, 2.0)
@@ -118,7 +118,7 @@ def test_a_request_without_an_answer_is_halved_if_it_took_long(quickest_s: float
     in_time_s = 0.25 + (quickest_s or 0.0)
 
     def after(samples: int, took_s: float) -> tuple[int, bool]:
-        pace = pace_of() if quickest_s else Pace(4)
+        pace = pace_of() if quickest_s else RequestPace(4)
         pace.unanswered(samples, took_s)
         return pace.most, pace.is_thin
 
@@ -129,7 +129,7 @@ def test_a_request_without_an_answer_is_halved_if_it_took_long(quickest_s: float
 
 
 def test_half_of_a_single_sample_is_one() -> None:
-    pace = Pace(4)
+    pace = RequestPace(4)
     pace.halve(1)
     assert pace.most == 1
 
@@ -154,9 +154,9 @@ def test_rests_on_a_thin_line_are_shares_of_the_age_at_which_an_answer_is_stale(
 
 def test_on_a_long_way_the_next_live_batch_goes_out_before_the_answer_to_the_last_one() -> None:
     def overlap_s(way_s: float) -> float:
-        pace = Pace(4)
+        pace = RequestPace(4)
         answered(pace, 1, way_s)
         return pace.overlap_s
 
-    assert Pace(4).overlap_s == inf  # nothing is known of the way
+    assert RequestPace(4).overlap_s == inf  # nothing is known of the way
     assert [overlap_s(way_s) for way_s in (0.3 * 0.5, 0.2, 0.5)] == [inf, 0.3 * 0.5, 0.25]

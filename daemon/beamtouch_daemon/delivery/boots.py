@@ -13,7 +13,7 @@ from beamtouch_common.waits import Backoff
 from beamtouch_daemon.delivery.live_window import ENDED, LiveWindow
 from beamtouch_daemon.delivery.log import Counts, Log
 from beamtouch_daemon.delivery.log_file import Chunk
-from beamtouch_daemon.delivery.pace import Pace
+from beamtouch_daemon.delivery.pace import RequestPace
 from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_service.samples import MAX_EARLIER, Batch, Receipt
 
@@ -42,7 +42,7 @@ class Boot:
 
     def __init__(self, head: Batch, counts: Counts, max_samples: int) -> None:
         self.log = Log(head, counts, max_samples)
-        self.pace = Pace(len(head.channels))
+        self.pace = RequestPace(len(head.channels))
         self.live = LiveWindow()
         self.fresh = asyncio.Event()
         """Set when there are new samples for a live batch."""

@@ -42,7 +42,7 @@ def most_in_batch(channels: int, samples: int = MAX_BATCH) -> int:
     return min(samples, MAX_BATCH_VALUES // (channels + channels * (channels + 1) // 2))
 
 
-class Pace:
+class RequestPace:
     """How much of one boot goes into a request, and when."""
 
     def __init__(self, channels: int) -> None:
