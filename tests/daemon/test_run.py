@@ -336,9 +336,11 @@ async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_pat
 
 
 def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> None:
-    def line(turned_s: float, rate_hz: float = 100.0, timeout_ms: float = 1.0) -> Acquisition:
+    def line(last_progress_s: float, rate_hz: float = 100.0, timeout_ms: float = 1.0) -> Acquisition:
         source = ModbusRtu(kind="modbus-rtu", port="/dev/ttyUSB0", timeout_ms=timeout_ms)
-        found = SimpleNamespace(surface=SimpleNamespace(rate_hz=rate_hz, source=source), turned_s=turned_s)
+        found = SimpleNamespace(
+            surface=SimpleNamespace(rate_hz=rate_hz, source=source), last_progress_s=last_progress_s
+        )
         return cast("Acquisition", found)
 
     now_s, long_ago_s = 1000.0, 1000.0 - PATIENCE_S - 1

@@ -147,6 +147,6 @@ def _holds(batch: Batch, number: int) -> bool:
 def _due_s(boot: Boot) -> float:
     """Return when to deliver a boot next, on the monotonic clock."""
     if not boot.missing:
-        return max(boot.due_s, boot.told_s + ASK_S)
+        return max(boot.due_s, boot.last_receipt_s + ASK_S)
     # The next live batch begins with a small gap, if one comes soon.
     return max(boot.due_s, boot.live.begun_s + ASK_S) if boot.is_gap_small else boot.due_s

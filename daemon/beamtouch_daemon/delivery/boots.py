@@ -50,8 +50,8 @@ class Boot:
         """Number of the sample that the record takes next; None if that is not known."""
         self.refusal = ""
         """Why the service refuses this boot; empty if it does not."""
-        self.told_s = -math.inf
-        """Time of the last receipt on the monotonic clock."""
+        self.last_receipt_s = -math.inf
+        """Time of the last receipt, on the monotonic clock."""
         self.due_s = 0.0
         """Time of the next request of the backlog on the monotonic clock, at the earliest."""
         self.backoff = Backoff(max_s=BACKLOG_RETRY_S)
@@ -100,7 +100,7 @@ class Boot:
 
     def acknowledge(self, receipt: Receipt) -> None:
         """Forget what is durable. Receipts may come late, so that only ever grows."""
-        self.told_s = monotonic()
+        self.last_receipt_s = monotonic()
         self.pace.stale_s = receipt.stale_ms / 1e3
         self.refusal = ""
         self.expected = receipt.expected
@@ -172,7 +172,7 @@ class SurfaceLogs:
     def begin(self, head: Batch, max_samples: int) -> Boot:
         """Return the present boot, whose batches begin with `head`."""
         self.present = self.by_boot[head.boot_id] = Boot(head, self.counts, max_samples)
-        self.present.told_s = monotonic()  # its first live batch asks
+        self.present.last_receipt_s = monotonic()  # its first live batch asks
         return self.present
 
     def adopt(self, chunk: Chunk, example: Batch) -> None:

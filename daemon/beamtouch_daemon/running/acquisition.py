@@ -72,7 +72,7 @@ class Acquisition:
         """No reading comes: the device is not there yet, or gone."""
         self.last_s: float | None = None
         """Time of the newest reading, by the clock of `uptime_s`."""
-        self.turned_s = time.monotonic()
+        self.last_progress_s = time.monotonic()
         """Time of the last progress on the monotonic clock: a reading, or a session that ended with an error."""
         self.quality: list[Quality] = []
         """Of each channel in the newest sample; empty before the first."""
@@ -104,7 +104,7 @@ class Acquisition:
         """Return whether the source hangs at `now_s` on the monotonic clock: no reading comes, and no error either."""
         periods_s = PATIENCE_PERIODS / self.surface.rate_hz
         timeouts_s = PATIENCE_TIMEOUTS * self.surface.source.timeout_s
-        return now_s - self.turned_s > PATIENCE_S + periods_s + timeouts_s
+        return now_s - self.last_progress_s > PATIENCE_S + periods_s + timeouts_s
 
     async def read(self) -> None:
         """Read until cancelled; a session that fails is followed by another one, on the same port if that works."""
@@ -121,7 +121,7 @@ class Acquisition:
                 except SourceError as error:
                     self._repeated.failed(f"{error}; trying again", error.reason)
                 self._arrived.set()  # what waited at rest waits for no other reading
-                self.turned_s = time.monotonic()
+                self.last_progress_s = time.monotonic()
                 await asyncio.sleep(self._backoff.next())
 
     async def run(self) -> None:
@@ -214,7 +214,7 @@ class Acquisition:
         others = "readings lost since the last such line, by the device, the line or a busy machine"
         self._repeated.count(lost - failed, others)
         self.last_s = readings[-1].monotonic_s
-        self.turned_s = time.monotonic()
+        self.last_progress_s = time.monotonic()
         if self.meter.add(readings):
             _logger.log(logging.INFO if self.meter.fits else logging.WARNING, "%s: %s", self.name, self.meter)
         self._report_requests()
