@@ -51,6 +51,6 @@ class Rounded:
 
     def __repr__(self) -> str:
         """Return the fields with their values."""
-        told: Any = self
-        shown = [field.name for field in fields(told) if field.repr]
+        owner: Any = self
+        shown = [field.name for field in fields(owner) if field.repr]
         return f"{type(self).__name__}({', '.join(f'{name}={rounded(getattr(self, name))}' for name in shown)})"

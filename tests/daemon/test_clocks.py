@@ -76,7 +76,7 @@ def test_no_stamp_is_later_than_the_truth_behind_an_adapter_that_holds_everythin
             clock.round_trip(sent_s, 9.0 + (1 + drift) * (handled_s - start_s), arrival_s)
             pings.remove(sent_s)
         for true_s in sorted(trues):
-            clock.heard(9.0 + (1 + drift) * (true_s - start_s), arrival_s)
+            clock.add_frame(9.0 + (1 + drift) * (true_s - start_s), arrival_s)
         for true_s in sorted(trues):
             mapped_s = clock.to_host(9.0 + (1 + drift) * (true_s - start_s), arrival_s)
             later_s, earlier_s = max(later_s, mapped_s - true_s), max(earlier_s, true_s - mapped_s)
@@ -87,7 +87,7 @@ def test_no_stamp_is_later_than_the_truth_behind_an_adapter_that_holds_everythin
 def test_the_first_burst_of_a_session_is_as_old_as_it_is() -> None:
     clock = HostClock()
     for number in range(140):
-        clock.heard(number / 200.0, 100.7)  # 0.7 s of readings, all at once, and no round trip
+        clock.add_frame(number / 200.0, 100.7)  # 0.7 s of readings, all at once, and no round trip
     assert clock.to_host(0.0, 100.7) == pytest.approx(100.0, abs=0.013)
 
 

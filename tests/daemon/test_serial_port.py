@@ -42,4 +42,4 @@ async def opened(path: str) -> SerialPort:
 def send_many(line: BoardLine) -> None:
     """Send more than any driver keeps."""
     for _ in range(100_000):
-        line.tell(HelloRequest())
+        line.send(HelloRequest())

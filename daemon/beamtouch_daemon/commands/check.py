@@ -72,7 +72,7 @@ class SurfaceCheck:
     """The configuration file that has the surface."""
     channels: tuple[ChannelCheck, ...] = ()
     error: str | None = None
-    seen: str = ""
+    observed: str = ""
     """Traffic of a device that gives no readings."""
     limits: tuple[str, ...] = ()
     """Cases in which old or foreign readings may pass unnoticed, a sentence each."""
@@ -97,8 +97,8 @@ class SurfaceCheck:
 
     @property
     def full_error(self) -> str:
-        """The error with what was seen of the device; empty without an error."""
-        return "; ".join(filter(None, (self.error, self.seen)))
+        """The error with what came from the device; empty without an error."""
+        return "; ".join(filter(None, (self.error, self.observed)))
 
     def complaints(self) -> Iterator[str]:
         """Yield what prevents readings, and what prevents samples; nothing if the surface is good."""
@@ -183,7 +183,7 @@ async def _read_all(config: Config, sources: Mapping[str, Source]) -> list[Surfa
             *_, reading = await first_readings(source, _readings_of(surface))
         except SourceError as error:
             return SurfaceCheck(
-                name, config.file_of(name), error=error.reason, seen=error.seen, is_tared=bool(rest[name])
+                name, config.file_of(name), error=error.reason, observed=error.observed, is_tared=bool(rest[name])
             )
         return SurfaceCheck(
             name,

@@ -40,8 +40,8 @@ MIN_SAMPLES = 2
 """Smallest number of samples of a load; a single one cannot show whether the load was steady."""
 GIVE_UP_S = 30.0
 """Limit on waiting for a load to settle, and on recording for longer than asked when readings are lost."""
-SEEN = 3.0
-"""A load is seen if it deflects a channel by more than this, in standard deviations of one reading."""
+VISIBLE_DEVIATIONS = 3.0
+"""A load is visible if it deflects a channel by more than this, in standard deviations of one reading."""
 
 ACCEPT, UNDO = "accept", "undo"
 """Answers: record a load without checks, and remove the load that was recorded last."""
@@ -237,7 +237,7 @@ def _require_still_and_seen(readings: Sequence[Reading], surface: Surface, rest_
         if moved := describe_motion(values, step, surface.noise_mm):
             raise LoadRefusedError(f"the load moved while it was recorded: {name}, {moved}")
         mean, noise_mm = float(np.mean(values)), noise_of(values, surface.noise_mm)
-        is_seen = is_seen or abs(mean) > SEEN * noise_mm + step
+        is_seen = is_seen or abs(mean) > VISIBLE_DEVIATIONS * noise_mm + step
         if not channel or abs(mean) > abs(largest):
             largest, channel, noise = mean, name, noise_mm
     message = ""

@@ -75,7 +75,7 @@ def _add_included(content: dict[str, Any], path: Path) -> dict[str, Path]:
 
 def _matching(patterns: Sequence[str], path: Path) -> Iterator[Path]:
     """Yield the files that the patterns match, each once, in alphabetical order for each pattern."""
-    seen = {os.path.realpath(path)}
+    included = {os.path.realpath(path)}
     for pattern in patterns:
         # pathlib takes hidden files too, which editors make, and raises an error for a folder that is closed.
         matches = sorted(glob(pattern, root_dir=path.parent, recursive=True))  # noqa: PTH207
@@ -87,8 +87,8 @@ def _matching(patterns: Sequence[str], path: Path) -> Iterator[Path]:
             )
             raise InputError(message)
         for file in files:
-            if (real := os.path.realpath(file)) not in seen:
-                seen.add(real)
+            if (real := os.path.realpath(file)) not in included:
+                included.add(real)
                 yield file
 
 

@@ -50,7 +50,7 @@ class Pipeline:
 
     A channel that is not good passes with its unfiltered deflection, for the record, and never enters the filter. Lost
     readings are counted by whoever takes them, because times jitter on a busy machine. The filter, the stuck check and
-    the zeros continue over a gap with what they knew; only a gap as long as they look back makes them begin anew. A
+    the zeros continue over a gap with what they knew; only a gap as long as they look back makes them start again. A
     channel is missing until its filter has enough readings. No samples are emitted until at least one channel's filter
     has filled, so the newest sample before a gap stays in use until then.
     """

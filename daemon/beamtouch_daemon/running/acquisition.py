@@ -29,7 +29,7 @@ second would take more than what is looked at. Buffers of drivers hold what come
 PATIENCE_S = 15.0
 PATIENCE_PERIODS, PATIENCE_TIMEOUTS = 20.0, 40.0
 """A surface without progress for this time, this number of reading periods and this number of timeouts of its source
-hangs. A device may boot for 8 s. A serial unit that was given up rests for 13 timeouts, and is then proven anew in up
+hangs. A device may boot for 8 s. A serial unit that was given up rests for 13 timeouts, and is then proven again in up
 to 20."""
 STALE_PART = 0.2
 """A sample at rest is followed by another one within this part of the time after which it is stale: a live batch is
@@ -141,14 +141,14 @@ class Acquisition:
         notes = () if self.meter.fits else (Note.RATE,)
         if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
             if _logger.isEnabledFor(logging.DEBUG):
-                self._tell_changes(samples)
+                self._debug_changes(samples)
             self.quality = samples[-1].sample.quality
             self._sampled_s = samples[-1].monotonic_s
             self.boot.put(samples)
-        self._tell_drift()
-        self._tell_hurry()
+        self._warn_of_drift()
+        self._warn_of_hurry()
 
-    def _tell_changes(self, samples: Sequence[TimedSample]) -> None:
+    def _debug_changes(self, samples: Sequence[TimedSample]) -> None:
         """Write to the debug log which channels changed, and whether the beam began to move or to rest."""
         before: Sequence[Quality | None] = self.quality or [None] * len(self.surface.channel_names)
         for taken in samples:
@@ -165,7 +165,7 @@ class Acquisition:
                 words = "nothing happens: few samples, each the mean of all readings"
             _logger.debug("%s: sample %d: %s", self.name, samples[-1].sample.sequence, words)
 
-    def _tell_drift(self) -> None:
+    def _warn_of_drift(self) -> None:
         """Log once that zeros are nearly as far from the last tare as is followed, and that they are back."""
         far_mm, tracking = self._pipeline.far_zero_mm, self.surface.zero_tracking
         if tracking is None or (far_mm is not None) == self._is_far:
@@ -180,7 +180,7 @@ class Acquisition:
             )
             _logger.warning(words, self.name, 1e3 * far_mm, 1e3 * tracking.max_mm)
 
-    def _tell_hurry(self) -> None:
+    def _warn_of_hurry(self) -> None:
         """Log once that a zero drifts faster than is stated, and that none does any more."""
         hurried, tracking = self._pipeline.hurried_zero, self.surface.zero_tracking
         if tracking is None or (hurried is not None) == self._is_hurried:

@@ -64,28 +64,28 @@ class BoardLine:
         self._decoder = Decoder()
 
     @property
-    def seen(self) -> str:
+    def observed(self) -> str:
         """Description of the bytes that came through the port instead of messages; empty if any came lately."""
         return self._port.traffic.describe(uptime_s())
 
-    def tell(self, message: Message) -> None:
+    def send(self, message: Message) -> None:
         """Send a message; SourceError if the port does not accept it."""
         _logger.debug("%s: sent %s", self.path, message)
         self._port.send(encode(message))
 
-    async def listen(self, within_s: float) -> list[Arrival]:
+    async def receive(self, within_s: float) -> list[Arrival]:
         """Wait for bytes and return the messages in them, if any; SourceError without a port."""
         received = await self._port.receive(within_s)
         arrived = self._decoder.feed(received)
         if _logger.isEnabledFor(logging.DEBUG):
-            self._tell_arrivals(received, arrived)
+            self._debug_arrivals(received, arrived)
         if any(message.TYPE >= FROM_DEVICE for message in arrived):
             self._port.traffic.note_frame(self._port.taken_s)
         elif not arrived:  # else an echo
             self._port.traffic.note_other(received)
         return [Arrival(self._port.taken_s, message) for message in arrived]
 
-    def _tell_arrivals(self, received: bytes, arrived: Sequence[Message]) -> None:
+    def _debug_arrivals(self, received: bytes, arrived: Sequence[Message]) -> None:
         """Write to the debug log what came."""
         for message in arrived:
             _logger.debug("%s: received %s", self.path, message)
@@ -101,10 +101,10 @@ class BoardLine:
         deadline_s, pauses = uptime_s() + within_s, Backoff(REPEAT_S, max_repeat_s)
         while (now_s := uptime_s()) < deadline_s:
             for message in question():
-                self.tell(message)
+                self.send(message)
             repeat_s = min(now_s + pauses.next(), deadline_s)
             while (left_s := repeat_s - uptime_s()) > 0:
-                yield await self.listen(left_s)
+                yield await self.receive(left_s)
 
     async def introduce(self) -> Hello:
         """Return the hello of the device, without the readings of a stream that still runs.
@@ -120,7 +120,7 @@ class BoardLine:
                 for arrival in reversed(arrivals):
                     if isinstance(arrival.message, Hello):
                         return arrival.message
-        raise SourceError(f"{self.path}: no hello of a Beamtouch board", self.seen)
+        raise SourceError(f"{self.path}: no hello of a Beamtouch board", self.observed)
 
 
 class Session:
@@ -167,7 +167,7 @@ class Session:
         dated = [(at_s, self._device_clock.follow(reading.device_us) / 1e6, reading) for at_s, reading in fitting]
         dated = [row for row in dated if not self._host_clock.is_beyond(row[1], row[0])]
         for arrival_s, device_s, _ in dated:
-            self._host_clock.heard(device_s, arrival_s)
+            self._host_clock.add_frame(device_s, arrival_s)
         readings = []
         for arrival_s, device_s, reading in dated:
             lost = 0 if self._sequence is None else missing_between(self._sequence, reading.sequence)
@@ -234,21 +234,21 @@ class BoardSource:
                 self._require(line.path, hello)
                 session = Session(hello, self._indices)
                 await self._meet(line, session)
-                line.tell(Start(self._rate_hz, self._oversampling))
-                heard_s = uptime_s()
+                line.send(Start(self._rate_hz, self._oversampling))
+                last_reading_s = uptime_s()
                 while True:
                     if (ping := session.ping_if_due(uptime_s())) is not None:
-                        line.tell(ping)
-                    arrivals = await line.listen(self._silence_s)
+                        line.send(ping)
+                    arrivals = await line.receive(self._silence_s)
                     if readings := session.take(arrivals):
-                        heard_s = uptime_s()
+                        last_reading_s = uptime_s()
                         yield readings
-                    elif uptime_s() - heard_s >= self._silence_s:
+                    elif uptime_s() - last_reading_s >= self._silence_s:
                         asked = f"{self._rate_hz} Hz, oversampling {self._oversampling}"
-                        raise SourceError(f"{line.path}: no reading for {self._silence_s:g} s ({asked})", line.seen)
+                        raise SourceError(f"{line.path}: no reading for {self._silence_s:g} s ({asked})", line.observed)
             finally:
                 with suppress(SourceError):  # the port may be gone
-                    line.tell(Stop())
+                    line.send(Stop())
 
     async def _meet(self, line: BoardLine, session: Session) -> None:
         """Ping until the device's clock is known, because the first reading may be an old one."""
@@ -258,7 +258,7 @@ class BoardSource:
                 if session.knows_the_clocks:
                     return
         doubt = "so the age of its readings is unknown"
-        raise SourceError(f"{line.path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, {doubt}", line.seen)
+        raise SourceError(f"{line.path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, {doubt}", line.observed)
 
     def _require(self, path: str, hello: Hello) -> None:
         """Raise SourceError unless the device fits the configuration."""

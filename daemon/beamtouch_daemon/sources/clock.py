@@ -45,9 +45,9 @@ class HostClock:
     def round_trip(self, sent_s: float, device_s: float, received_s: float) -> None:
         """Add a round trip: host times of the ping and of its answer [s], and the device time in the answer [s]."""
         self._round_trips.add(sent_s, device_s, received_s)
-        self.heard(device_s, received_s)
+        self.add_frame(device_s, received_s)
 
-    def heard(self, device_s: float, arrival_s: float) -> None:
+    def add_frame(self, device_s: float, arrival_s: float) -> None:
         """Add the device time [s] and the arrival on the host's clock [s] of a frame.
 
         Add all frames of a burst before the first time stamp: the newest has the smallest delay.
@@ -76,7 +76,7 @@ class HostClock:
         device_s : Time of the reading on the device's clock.
         arrival_s : Arrival of its frame on the monotonic clock.
         """
-        self.heard(device_s, arrival_s)
+        self.add_frame(device_s, arrival_s)
         latest_s = device_s + self._max_offset_s + MAX_DRIFT * (self._device_s - device_s)
         earliest_s = self._round_trips.to_host(device_s)
         taken_s = latest_s if earliest_s is None else min(earliest_s, latest_s)

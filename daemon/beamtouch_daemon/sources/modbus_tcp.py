@@ -50,7 +50,7 @@ class TcpLink:
     limits: tuple[str, ...] = ()
     boots_until_s = -math.inf
     """A connection resets no device."""
-    seen = ""
+    observed = ""
     """The reason of a failure says all that is known."""
 
     def __init__(self, settings: ModbusTcp, host: str, unit: int) -> None:
@@ -101,22 +101,22 @@ class TcpLink:
             answer = await self._exchange(block)
         except TimeoutError as error:
             self._close()
-            raise self._noted(self._explain_silence()) from error
+            raise self._debugged(self._explain_silence()) from error
         except (OSError, EOFError) as error:
             self._close()
             why = NoAnswerError(f"{self._address} closes the connection without an answer", Failure.CLOSED)
-            raise self._noted(why) from error
+            raise self._debugged(why) from error
         except BaseException:  # cancelled: the answer may still come
             self._close()
             raise
         if answer is None:
             self._close()
-            raise self._noted(NoAnswerError(f"{self.name} answered another request", Failure.FOREIGN))
+            raise self._debugged(NoAnswerError(f"{self.name} answered another request", Failure.FOREIGN))
         if answer.exception:
             _logger.debug("%s: %s: %s", self._address, self.name, exception_words(answer.exception))
         return answer
 
-    def _noted(self, failure: NoAnswerError) -> NoAnswerError:
+    def _debugged(self, failure: NoAnswerError) -> NoAnswerError:
         """Write to the debug log why there is no answer, and return that."""
         _logger.debug("%s: %s", self._address, failure)
         return failure

@@ -43,7 +43,7 @@ class Link(Protocol):
         ...
 
     @property
-    def seen(self) -> str:
+    def observed(self) -> str:
         """Description of the bytes that came instead of answers; empty if that is not known."""
         ...
 
@@ -238,11 +238,11 @@ class PolledSource:
         if asked:
             return Reading(min(asked), tuple(counts), taken_s=self._stamps.date(min(asked), answered_s))
         if all(part.is_given_up and not part.may_boot for part in self._parts):
-            reason, seen = (
+            reason, observed = (
                 "; ".join(dict.fromkeys(filter(None, texts)))
-                for texts in ([part.complaint for part in self._parts], [part.link.seen for part in self._parts])
+                for texts in ([part.complaint for part in self._parts], [part.link.observed for part in self._parts])
             )
-            raise SourceError(reason, seen)
+            raise SourceError(reason, observed)
         return None
 
     async def _read(self, part: Part) -> tuple[Mapping[int, int], float] | None:

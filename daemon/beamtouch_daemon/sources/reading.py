@@ -16,15 +16,15 @@ class SourceError(Exception):
     Parameters
     ----------
     reason : One line for the log, the same each time.
-    seen : What was seen of the device, which may differ each time.
+    observed : What came from the device instead of readings, which may differ each time.
     """
 
-    def __init__(self, reason: str, seen: str = "") -> None:
-        super().__init__(reason, seen)
-        self.reason, self.seen = reason, seen
+    def __init__(self, reason: str, observed: str = "") -> None:
+        super().__init__(reason, observed)
+        self.reason, self.observed = reason, observed
 
     def __str__(self) -> str:
-        return "; ".join(filter(None, (self.reason, self.seen)))
+        return "; ".join(filter(None, (self.reason, self.observed)))
 
 
 class NoAnswerError(Exception):

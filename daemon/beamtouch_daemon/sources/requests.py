@@ -11,11 +11,11 @@ from beamtouch_daemon.sources.registers import Answer, Block
 TRIES = 3
 """A request that is refused is sent at most this often."""
 
-SEEN = 100
+NEWEST_REQUESTS = 100
 """The newest requests, which show whether some fail."""
-FEW = 2
+FEWEST_FAILED = 2
 """Fewer failed requests than this among them may be chance."""
-ENOUGH = 10
+FEWEST_REQUESTS = 10
 """Number of requests that are needed to say so."""
 
 
@@ -80,7 +80,7 @@ class Requests:
         """Failed requests, for any reason."""
         self.failed: Counter[str] = Counter()
         """The same by reason."""
-        self._newest: deque[str] = deque(maxlen=SEEN)
+        self._newest: deque[str] = deque(maxlen=NEWEST_REQUESTS)
         """Reason of each, empty if it was answered."""
         self._newest_failures = 0
 
@@ -102,7 +102,7 @@ class Requests:
     @property
     def failed_share(self) -> float:
         """Share of the newest requests that have failed; 0 if that may be chance."""
-        is_chance = self._newest_failures < FEW or len(self._newest) < ENOUGH
+        is_chance = self._newest_failures < FEWEST_FAILED or len(self._newest) < FEWEST_REQUESTS
         return 0.0 if is_chance else self._newest_failures / len(self._newest)
 
     def describe(self, name: str) -> str:
@@ -116,7 +116,7 @@ class Requests:
 
     def _add(self, reason: str) -> None:
         self.asked += 1
-        if len(self._newest) == SEEN and self._newest[0]:
+        if len(self._newest) == NEWEST_REQUESTS and self._newest[0]:
             self._newest_failures -= 1
         self._newest.append(reason)
         self._newest_failures += bool(reason)

@@ -69,8 +69,8 @@ class RtuLink:
         self._bus = bus
         self._unit = bus.unit(address)
         self._blocks = blocks
-        self._way: UnitLine
-        """Through the port of this session. If it fails, the session ends, and the next one proves anew."""
+        self._unit_line: UnitLine
+        """Through the port of this session. If it fails, the session ends, and the next one proves again."""
 
     @property
     def limits(self) -> tuple[str, ...]:
@@ -87,18 +87,18 @@ class RtuLink:
     @property
     def boots_until_s(self) -> float:
         """Time until which the devices on the bus may boot, as opening the port may reset them."""
-        return self._way.line.port.traffic.boots_until_s
+        return self._unit_line.line.port.traffic.boots_until_s
 
     @property
-    def seen(self) -> str:
+    def observed(self) -> str:
         """Description of the bytes that came through the port instead of answers; empty if any came lately."""
-        return self._way.line.port.traffic.describe(uptime_s())
+        return self._unit_line.line.port.traffic.describe(uptime_s())
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:
         """Use the port for a session; SourceError if it cannot be opened."""
         async with self._bus.used() as line:
-            self._way = UnitLine(line, self._unit.address, self._timeout_s)
+            self._unit_line = UnitLine(line, self._unit.address, self._timeout_s)
             async with self._unit.lock:
                 self._unit.will_be_asked(self._blocks)
             yield
@@ -110,4 +110,4 @@ class RtuLink:
     async def read(self, block: Block) -> Answer:
         """Read registers, in turn with the other users of the bus."""
         async with self._unit.lock:
-            return await self._unit.read(self._way, block)
+            return await self._unit.read(self._unit_line, block)

@@ -52,11 +52,11 @@ class RtuLine:
                     if answer := answer_to(block, data, asked_s):
                         self.port.traffic.note_frame(uptime_s())
                         self._take_unexpected(received[end:])
-                        self._tell_answer(address, block, request, came, answer)
+                        self._debug_answer(address, block, request, came, answer)
                         return answer
         within = f"within {timeout_s * 1e3:.0f} ms"
         self._note(received)
-        self._tell_silence(address, block, request, came, timeout_s)
+        self._debug_silence(address, block, request, came, timeout_s)
         if any(answers_of(address, received)):
             raise NoAnswerError(f"unit {address} answers, but not {within}: its answers come late", Failure.LATE)
         if received:
@@ -81,7 +81,7 @@ class RtuLine:
         else:
             self.port.traffic.note_other(received)
 
-    def _tell_answer(self, address: int, block: Block, request: bytes, came: bytes, answer: Answer) -> None:
+    def _debug_answer(self, address: int, block: Block, request: bytes, came: bytes, answer: Answer) -> None:
         """Write an answer to the debug log, with all that came with it."""
         if _logger.isEnabledFor(logging.DEBUG):
             asked, meaning = describe_request(address, block, request), ""
@@ -91,7 +91,7 @@ class RtuLine:
             words = "%s: %s; answered after %.1f ms (%s)%s"
             _logger.debug(words, self.port.path, asked, took_ms, in_hex(came), meaning)
 
-    def _tell_silence(self, address: int, block: Block, request: bytes, came: bytes, timeout_s: float) -> None:
+    def _debug_silence(self, address: int, block: Block, request: bytes, came: bytes, timeout_s: float) -> None:
         """Write to the debug log that no answer came, and what came instead."""
         if _logger.isEnabledFor(logging.DEBUG):
             asked, instead = describe_request(address, block, request), describe_received(came, request, address)
