@@ -76,7 +76,9 @@ def _configuration(arguments: argparse.Namespace, path: Path) -> tuple[str, Conf
         text = read_text(template).replace("\r\n", "\n")
         text = _with_table(text, ("surfaces", name, "source"), source)
         if arguments.type is not None or arguments.register is not None:
-            words = [words_of(arguments.type or one.type or "u16") for one in model_config.surfaces[name].channels]
+            words = [
+                words_of(arguments.type or channel.type or "u16") for channel in model_config.surfaces[name].channels
+            ]
             text = _with_registers(text, name, arguments.type, accumulate(words, initial=arguments.register or 0))
         text = _with_table(text, ("publish",), publish, keeps_others=True)
         text.encode()

@@ -244,7 +244,7 @@ def _remarks(measurement: Measurement) -> list[str]:
             "a finer ADC or more noise would help"
         )
     if repeated := [channel for channel in measurement.channels if channel.is_repeated]:
-        names, times = ", ".join(channel.channel for channel in repeated), min(one.mean_run for one in repeated)
+        names, times = ", ".join(channel.channel for channel in repeated), min(channel.mean_run for channel in repeated)
         rate_hz = measurement.settings.rate_hz
         remarks.append(
             f"  {names}: values come about {digits(times, 2)} times in a row, "

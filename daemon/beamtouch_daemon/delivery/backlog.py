@@ -122,7 +122,7 @@ class Backlog:
             batch = self._read = await self._store.read(chunk)
         if batch is None:
             return boot.log.backlog_batch([], [])
-        return batch.model_copy(update={"samples": [one for one in batch.samples if one.sequence in numbers]})
+        return batch.model_copy(update={"samples": [sample for sample in batch.samples if sample.sequence in numbers]})
 
     def _reduce(self, boot: Boot, batch: Batch, answer: Answer) -> bool:
         """Send half as many next time; drop a sample that is refused alone. False if that does not help."""

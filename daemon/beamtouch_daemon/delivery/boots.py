@@ -196,7 +196,9 @@ class SurfaceLogs:
     def others(self, boot: Boot) -> list[str]:
         """Return the boots beside one that hold samples, and the present one, which may get some."""
         others = [
-            one for one in self.by_boot.values() if one is not boot and (not one.log.is_empty or one is self.present)
+            other
+            for other in self.by_boot.values()
+            if other is not boot and (not other.log.is_empty or other is self.present)
         ]
-        others.sort(key=lambda one: one is self.present)
-        return [one.log.head.boot_id for one in others[-MAX_EARLIER:]]
+        others.sort(key=lambda other: other is self.present)
+        return [other.log.head.boot_id for other in others[-MAX_EARLIER:]]

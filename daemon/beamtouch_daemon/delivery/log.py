@@ -83,7 +83,7 @@ class Log:
     def batch(self, samples: Sequence[TimedSample]) -> Batch:
         """Return a backlog of samples with the same notes. The service validates it."""
         notes = [str(note) for note in samples[0].notes] if samples else []
-        return self.backlog_batch([one.sample for one in samples], notes)
+        return self.backlog_batch([timed.sample for timed in samples], notes)
 
     def backlog_batch(self, samples: Sequence[Sample], notes: Sequence[str]) -> Batch:
         """Return a backlog of samples that were taken under these notes."""
@@ -161,6 +161,6 @@ class Log:
 
 def _runs(samples: Iterable[TimedSample], most: int) -> Iterator[list[TimedSample]]:
     """Yield samples in runs for one batch each: at most so many, and with the same notes."""
-    for _, alike in groupby(samples, lambda one: one.notes):
+    for _, alike in groupby(samples, lambda timed: timed.notes):
         while run := list(islice(alike, most)):
             yield run

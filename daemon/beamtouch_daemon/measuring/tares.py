@@ -78,10 +78,10 @@ def _find_swap(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], s
 
     They are the ones that differ from their own.
     """
-    expected_mm = {one.name: last_mm.get(one.name, one.rest_gap_mm) for one in surface.channels}
+    before_mm = {channel.name: last_mm.get(channel.name, channel.rest_gap_mm) for channel in surface.channels}
     differences = _differences(rest_gap_mm, last_mm, surface, 0.0)
-    first, second = sorted(differences, key=lambda one: abs(one[1]) - one[2])[-2:]
-    apart_mm = expected_mm[first[0]] - expected_mm[second[0]]
+    first, second = sorted(differences, key=lambda difference: abs(difference[1]) - difference[2])[-2:]
+    apart_mm = before_mm[first[0]] - before_mm[second[0]]
     is_swapped = abs(first[1] + apart_mm) <= first[2] and abs(second[1] - apart_mm) <= second[2]
     names = " and ".join(sorted((first[0], second[0])))
     return f"{names} have each other's rest gaps, so their cables seem to be swapped" if is_swapped else ""
@@ -119,7 +119,9 @@ def _warmth_mm(
     walk = walk_of(surface)
     if walk is None or not last_mm or len(surface.channels) < FEWEST_WARM:
         return 0.0
-    moved_mm = [rest_gap_mm[one.name] - last_mm.get(one.name, one.rest_gap_mm) for one in surface.channels]
+    moved_mm = [
+        rest_gap_mm[channel.name] - last_mm.get(channel.name, channel.rest_gap_mm) for channel in surface.channels
+    ]
     most_mm = min(walk.max_mm, STATED_DEVIATIONS * float(walk.grown_mm(since_s)))
     return min(max(float(np.median(moved_mm)), -most_mm), most_mm)
 

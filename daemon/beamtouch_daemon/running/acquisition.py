@@ -15,7 +15,7 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.delivery.boots import Boot
 from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
 from beamtouch_daemon.processing.rate import RateMeter
-from beamtouch_daemon.running.kept_zeros import Kept, kept_of
+from beamtouch_daemon.running.kept_zeros import SurfaceZeros, surface_zeros
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_service.samples import Note, Quality
 
@@ -96,9 +96,9 @@ class Acquisition:
         self._unreliable = {unit: Repeated(_logger, name) for unit in source.requests}
 
     @property
-    def kept(self) -> Kept | None:
+    def zeros(self) -> SurfaceZeros | None:
         """Its zeros, to be kept over a restart; None if nothing is known of them."""
-        return kept_of(self.boot.log.head.characteristic, self._pipeline.rested, self._pipeline.last_s)
+        return surface_zeros(self.boot.log.head.characteristic, self._pipeline.rested, self._pipeline.last_s)
 
     def hangs(self, now_s: float) -> bool:
         """Return whether the source hangs at `now_s` on the monotonic clock: no reading comes, and no error either."""

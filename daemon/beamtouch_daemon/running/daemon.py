@@ -25,7 +25,7 @@ from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.running import metrics
 from beamtouch_daemon.running.acquisition import Acquisition
-from beamtouch_daemon.running.kept_zeros import Kept, KeptZeros
+from beamtouch_daemon.running.kept_zeros import KeptZeros, SurfaceZeros
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.tasks import cancel
 from beamtouch_models.filters import TARED, Rested
@@ -83,15 +83,17 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
         zeros = KeptZeros(config.zeros_file if config.publish.log_mb else None)
         acquisitions = [_begin(config, name, tare, zeros, store, buses) for name, tare in tares.items()]
         parts = Parts(_logger)
-        jobs = {f"{one.name} readings": one.read for one in acquisitions}
-        jobs |= {f"{one.name} samples": one.run for one in acquisitions}
-        jobs |= {f"{one.name} live": Live(client, store.surface(one.name), one.boot).run for one in acquisitions}
+        jobs = dict[str, Callable[[], Awaitable[None]]]()
+        for acquisition in acquisitions:
+            name = acquisition.name
+            jobs[f"{name} readings"], jobs[f"{name} samples"] = acquisition.read, acquisition.run
+            jobs[f"{name} live"] = Live(client, store.surface(name), acquisition.boot).run
         jobs |= {"backlogs": lambda: _deliver_backlogs(config, client, store, parts), "log file": store.run}
-        jobs["zeros"] = lambda: zeros.keep(lambda: _kept(acquisitions))
+        jobs["zeros"] = lambda: zeros.keep(lambda: _zeros_of(acquisitions))
         if (port := config.metrics.port) is not None:
             jobs["metrics"] = lambda: metrics.serve(port, acquisitions, store.surfaces, parts)
         await _serve(acquisitions, jobs, parts, signalled)
-        zeros.write(_kept(acquisitions))
+        zeros.write(_zeros_of(acquisitions))
         await _finish(client, store)
         summaries = _summaries(acquisitions, store)
     return summaries, signalled.result() is signal.SIGINT
@@ -136,9 +138,9 @@ def _tared(name: str, surface: Surface, tare: TareFile | None) -> Rested:
     return Rested(age_s)
 
 
-def _kept(acquisitions: Sequence[Acquisition]) -> dict[str, Kept]:
+def _zeros_of(acquisitions: Sequence[Acquisition]) -> dict[str, SurfaceZeros]:
     """Return what is known of zeros, by surface."""
-    return {one.name: kept for one in acquisitions if (kept := one.kept) is not None}
+    return {acquisition.name: zeros for acquisition in acquisitions if (zeros := acquisition.zeros) is not None}
 
 
 async def _serve(
@@ -185,7 +187,7 @@ async def _finish(client: ServiceClient, store: LogStore) -> None:
 
 def _summaries(acquisitions: Sequence[Acquisition], store: LogStore) -> dict[str, Summary]:
     """Return the counts by surface. What is still in memory counts as dropped."""
-    summaries = {one.name: Summary(one.readings, one.lost) for one in acquisitions}
+    summaries = {acquisition.name: Summary(acquisition.readings, acquisition.lost) for acquisition in acquisitions}
     for name, logs in store.surfaces().items():
         if lost := logs.give_up():
             _logger.warning("%s: %d samples dropped: neither the service nor the log file took them", name, lost)
@@ -200,7 +202,7 @@ async def _watch(acquisitions: Sequence[Acquisition], parts: Parts, manager: Ser
     """Report progress to the service manager. While a surface hangs, nothing is reported: the manager restarts us."""
     pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
     while True:
-        if hanging := [one.name for one in acquisitions if one.hangs(monotonic())]:
+        if hanging := [acquisition.name for acquisition in acquisitions if acquisition.hangs(monotonic())]:
             _logger.error("no progress on %s", ", ".join(hanging))
         else:
             manager.alive(_status(acquisitions, parts))
@@ -210,9 +212,9 @@ async def _watch(acquisitions: Sequence[Acquisition], parts: Parts, manager: Ser
 def _status(acquisitions: Sequence[Acquisition], parts: Parts) -> str:
     """Return which surfaces are read, which have no device yet, which are not tared, and what fails."""
     groups = {
-        "reading": [one.name for one in acquisitions if not one.is_missing],
-        "waiting for the device of": [one.name for one in acquisitions if one.is_missing],
-        "not tared:": [one.name for one in acquisitions if not one.is_tared],
+        "reading": [acquisition.name for acquisition in acquisitions if not acquisition.is_missing],
+        "waiting for the device of": [acquisition.name for acquisition in acquisitions if acquisition.is_missing],
+        "not tared:": [acquisition.name for acquisition in acquisitions if not acquisition.is_tared],
         "unexpected error in": [name for name, why in parts.failing.items() if why],
     }
     return "; ".join(f"{words} {', '.join(names)}" for words, names in groups.items() if names)

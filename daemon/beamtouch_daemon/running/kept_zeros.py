@@ -30,7 +30,7 @@ _logger = logging.getLogger(__name__)
 _STRICT = ConfigDict(extra="forbid", strict=True)
 
 
-class Kept(BaseModel):
+class SurfaceZeros(BaseModel):
     """The zeros of one surface at its last rest."""
 
     model_config = _STRICT
@@ -51,7 +51,7 @@ class Content(BaseModel):
 
     started: str
     """The start of the machine since which times count."""
-    surfaces: dict[SurfaceName, Kept]
+    surfaces: dict[SurfaceName, SurfaceZeros]
 
 
 class KeptZeros:
@@ -75,17 +75,17 @@ class KeptZeros:
             return None
         return Rested(uptime_s() - kept.rested_s, tuple(kept.zero_mm), tuple(kept.deviation_mm))
 
-    async def keep(self, kept: Callable[[], dict[str, Kept]]) -> None:
+    async def keep(self, zeros: Callable[[], dict[str, SurfaceZeros]]) -> None:
         """Write what is known now and then, until cancelled."""
         while True:
             await asyncio.sleep(KEEP_S)
-            await asyncio.to_thread(self.write, kept())
+            await asyncio.to_thread(self.write, zeros())
 
-    def write(self, kept: dict[str, Kept]) -> None:
+    def write(self, zeros: dict[str, SurfaceZeros]) -> None:
         """Write what is known of some surfaces; what was kept of others stays."""
-        if self._path is None or not kept:
+        if self._path is None or not zeros:
             return
-        self._surfaces |= kept
+        self._surfaces |= zeros
         content = Content(started=self._started, surfaces=self._surfaces)
         try:
             write_atomically(self._path, content.model_dump_json(indent=2).encode())
@@ -94,7 +94,7 @@ class KeptZeros:
         else:
             self._fault.over()
 
-    def _read(self, path: Path) -> dict[str, Kept]:
+    def _read(self, path: Path) -> dict[str, SurfaceZeros]:
         try:
             content = Content.model_validate_json(decode(read_bounded(path)))
         except FileNotFoundError:
@@ -108,7 +108,7 @@ class KeptZeros:
         return {}
 
 
-def kept_of(characteristic: str | None, rested: Rested | None, last_s: float | None) -> Kept | None:
+def surface_zeros(characteristic: str | None, rested: Rested | None, last_s: float | None) -> SurfaceZeros | None:
     """Return what to keep of a surface; None if it does not track its zeros, or had no reading.
 
     Parameters
@@ -124,7 +124,7 @@ def kept_of(characteristic: str | None, rested: Rested | None, last_s: float | N
         return None
     if rested.zero_mm is None or rested.deviation_mm is None:
         return None
-    return Kept(
+    return SurfaceZeros(
         characteristic=characteristic,
         rested_s=last_s - rested.ago_s,
         zero_mm=list(rested.zero_mm),
