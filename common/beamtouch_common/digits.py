@@ -5,7 +5,7 @@ from dataclasses import fields
 from typing import Any
 
 MAX_DECIMALS = 6
-"""Of a length in mm, a nanometre: less than any sensor resolves."""
+"""Decimals of a length in mm: a nanometre is less than any sensor resolves."""
 SHOWN = 4
 """Digits of a number in the text of an object, and more than most of them are known to."""
 LISTED = 8

@@ -1,4 +1,4 @@
-"""Why a program cannot listen on an address, in words that say what to do."""
+"""Reasons why a program cannot listen on an address, with advice."""
 
 from errno import EACCES, EADDRINUSE, EADDRNOTAVAIL
 

@@ -85,7 +85,7 @@ class Hello(Payload):
 
     @property
     def is_compatible(self) -> bool:
-        """Whether the device speaks exactly the messages of this module."""
+        """True if the device speaks exactly the messages of this module."""
         return (self.protocol_version, self.schema_hash) == (PROTOCOL_VERSION, SCHEMA_HASH)
 
 

@@ -42,7 +42,7 @@ WARMTH_REMEDY = (
 _T = TypeVar("_T")
 
 MIN_DECIMALS = 4
-"""Of a rest gap, also where the noise would allow fewer."""
+"""Decimals of a rest gap, also where the noise would allow fewer."""
 
 
 def run(arguments: argparse.Namespace) -> int:

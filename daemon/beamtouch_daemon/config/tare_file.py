@@ -18,7 +18,7 @@ MODE = 0o644
 """Permissions: the user of the service reads what root measured, whatever the umask of root."""
 
 DIGITS = 8
-"""Of the identity of a characteristic."""
+"""Digits of the identity of a characteristic."""
 
 NOT_TARED = (
     "not tared: the rest gaps are those of the configuration; run beamtouch-daemon tare, with nothing on the beam"

@@ -34,7 +34,7 @@ class Backlog:
         self._logs = logs
         self._line = line
         self._over_s = -math.inf
-        """When the last request was over, on the monotonic clock."""
+        """End of the last request, on the monotonic clock."""
         self._read: Batch | None = None
         """The chunk that was read last: many small requests are made of one."""
 

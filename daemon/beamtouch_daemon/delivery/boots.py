@@ -49,7 +49,7 @@ class Boot:
         self.expected: int | None = None
         """Number of the sample that the record takes next; None if that is not known."""
         self.refusal = ""
-        """Why the service refuses this boot; empty if it does not."""
+        """Reason why the service refuses this boot; empty if it does not."""
         self.last_receipt_s = -math.inf
         """Time of the last receipt, on the monotonic clock."""
         self.due_s = 0.0
@@ -137,9 +137,9 @@ class SurfaceLogs:
         self.name = name
         self.counts = Counts(name)
         self.fault = Repeated(_logger, f"{name}: publishing")
-        """Of the delivery to the service."""
+        """Failures of the delivery to the service."""
         self.slow = Repeated(_logger, name)
-        """Of a line that carries less than is measured, or carries a backlog slowly."""
+        """A line that carries less than is measured, or carries a backlog slowly."""
         self.by_boot: dict[str, Boot] = {}
         self.present: Boot | None = None
         """That of the worker; None if the surface is not configured."""

@@ -35,7 +35,7 @@ class Live:
         self._has_failed = False
         """True if the last batch was not taken."""
         self._due_s = -math.inf
-        """When the next one may go out after that, on the monotonic clock."""
+        """Time from which on the next one may go out after that, on the monotonic clock."""
         self._took_s = 0.0
         """Time of the last batch that was taken [s]."""
 

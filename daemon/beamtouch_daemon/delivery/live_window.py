@@ -14,9 +14,9 @@ class LiveWindow:
         self.next = 1
         """Number of the first sample that no live batch has taken."""
         self.begun_s = -math.inf
-        """When the last live batch was begun, on the monotonic clock."""
+        """Begin of the last live batch, on the monotonic clock."""
         self.sent_s = -math.inf
-        """When it went out."""
+        """Time when it went out."""
         self._first_in_flight = set[int]()
 
     @property

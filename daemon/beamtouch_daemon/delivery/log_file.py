@@ -21,7 +21,7 @@ JOURNAL_BYTES = 65_536
 FEW_ROWS = 8
 """Rows whose deletion fits into that journal, however many samples each has."""
 _HEAD = b"SQLite format 3\0"
-"""How SQLite begins each file."""
+"""Beginning of each file of SQLite."""
 _SCHEMA = """CREATE TABLE chunk (
     id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, boot TEXT NOT NULL,
     first INTEGER NOT NULL, last INTEGER NOT NULL, bytes INTEGER NOT NULL, checksum INTEGER NOT NULL,

@@ -43,7 +43,7 @@ def most_in_batch(channels: int, samples: int = MAX_BATCH) -> int:
 
 
 class RequestPace:
-    """How much of one boot goes into a request, and when."""
+    """Sizes of the requests of one boot, and the times between them."""
 
     def __init__(self, channels: int) -> None:
         self.stale_s: float | None = None

@@ -1,4 +1,4 @@
-"""What commands measure: `at_rest` and `tares` for `tare`, `noise` for `noise`, `known_loads` for `record`, and so on.
+"""Measurements that only commands make: rest (`at_rest`, `tares`), `noise`, `known_loads`, `byte_orders`.
 
 Pure, but for `known_loads`, which writes the file of a recording. The running daemon imports none of it.
 """

@@ -75,7 +75,7 @@ class Acquisition:
         self.last_progress_s = time.monotonic()
         """Time of the last progress on the monotonic clock: a reading, or a session that ended with an error."""
         self.quality: list[Quality] = []
-        """Of each channel in the newest sample; empty before the first."""
+        """Quality of each channel in the newest sample; empty before the first."""
         self.meter = RateMeter(surface.rate_hz, is_polled=surface.source.is_polled)
         """Measures the rate of the readings."""
         self.source = source

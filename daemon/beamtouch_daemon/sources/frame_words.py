@@ -13,7 +13,7 @@ MOST_BYTES = 64
 REFUSAL_BYTES, REQUEST_BYTES, SHORTEST_BYTES = 5, 8, 4
 """Lengths of a refusal (unit, function, exception and checksum), of a request to read, and of the shortest frame."""
 FEW_BYTES = 2
-"""Of no more bytes than this, nothing can be said."""
+"""So few bytes can be anything."""
 _CONTENTS = {1: "coil", 2: "discrete input"}
 _NO_FRAME = (
     "no Modbus frame: another baud rate or parity, A and B swapped, no termination or bias, or a device of another "

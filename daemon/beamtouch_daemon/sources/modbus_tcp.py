@@ -65,10 +65,10 @@ class TcpLink:
         self._received = b""
         """Bytes since the newest request that are no whole frame."""
         self._mismatch = ""
-        """Why the frames that came since then are no answer to it; empty if none came."""
+        """Reason why the frames that came since then are no answer to it; empty if none came."""
         self._has_answered = False
         self._looks_again_s = -math.inf
-        """When the device may be asked in RTU frames."""
+        """Time from which on the device may be asked in RTU frames."""
         self._answers_in_rtu = False
         """True if it did so last time."""
 

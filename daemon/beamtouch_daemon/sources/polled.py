@@ -82,7 +82,7 @@ class Part:
         self.complaint = ""
         """Reason of the last failure."""
         self.refusal = ""
-        """Why some of the registers are missing from the last answers; empty if none are."""
+        """Reason why some of the registers are missing from the last answers; empty if none are."""
         self.may_boot = False
         """True if the unit could still boot when it failed last."""
         self._blocks = blocks

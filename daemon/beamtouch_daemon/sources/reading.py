@@ -53,8 +53,8 @@ class Reading(NamedTuple):
     failed: int = 0
     """Those of them that were lost because requests failed, and not because the device is slower than configured."""
     taken_s: float | None = None
-    """When it was most likely taken, by the same clock; within a session it may be off by a constant. NaN if that is
-    not known well enough to follow a beam that rings; None if `monotonic_s` is the best estimate."""
+    """Most likely time of its acquisition, by the same clock; within a session it may be off by a constant. NaN if that
+    is not known well enough to follow a beam that rings; None if `monotonic_s` is the best estimate."""
 
     @property
     def likely_s(self) -> float:

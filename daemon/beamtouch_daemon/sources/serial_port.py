@@ -51,9 +51,9 @@ class SerialPort:
     def __init__(self, path: str, device: serial.Serial | Converter) -> None:
         self.path = path
         self.failure = ""
-        """Why the port can no longer be used; empty while it can."""
+        """Reason why the port can no longer be used; empty while it can."""
         self.taken_s = uptime_s()
-        """When bytes were last taken, by the clock of `uptime_s` [s]: those had arrived by then."""
+        """Time when bytes were last taken, by the clock of `uptime_s` [s]: those had arrived by then."""
         self.traffic = Traffic(self.taken_s)
         """The bytes that came through it, as noted by the decoders of the line."""
         self._changed = asyncio.Event()

@@ -1,4 +1,4 @@
-"""When polled readings were taken. Pure; no I/O.
+"""Dates polled readings. Pure; no I/O.
 
 A reading was taken between the request and the answer, so their middle is the best estimate. It is a good one only if
 the answer came as soon as usual: on a busy machine, some take several times as long, and nothing says which way was

@@ -79,7 +79,7 @@ class Traffic:
 
     @property
     def noise(self) -> str:
-        """How many bytes came that are no frame; empty if none did."""
+        """Number of bytes that came and are no frame, as text; empty if none did."""
         return f"{self._bytes} bytes" if self._bytes else ""
 
     @property

@@ -35,7 +35,7 @@ from beamtouch_models.runtime.metadata import LayoutErrors
 
 @dataclass(frozen=True)
 class _Asked:
-    """What is to be built."""
+    """The model to be built."""
 
     scene: Scene
     text: str

@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> Result:
 
 
 Told = tuple[Calibrated | SelfCalibrated, dict[str, Any], list[tuple[str, str]], str]
-"""What was calibrated, with fields for programs, and rows and a remark for people."""
+"""The result of a calibration, with fields for programs, and rows and a remark for people."""
 
 
 def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told:

@@ -103,7 +103,7 @@ class Chart:
     x_range: tuple[float, float] | None = None
     """By default the axis spans the values."""
     whole_x: bool = False
-    """Whether x is a count, so that ticks are whole numbers."""
+    """True if x is a count, so that ticks are whole numbers."""
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ class Layout:
     placement: Placement
     """The positions, and the search that found them."""
     aim: Aim
-    """What the layout was placed for, and with what effort."""
+    """The aim for which the layout was placed, and the effort."""
 
     def __repr__(self) -> str:
         """Return where the sensors are."""

@@ -22,7 +22,7 @@ class Table:
     bold: Collection[int] = ()
     """Places of rows that stand out."""
     ruled: bool = False
-    """Whether lines separate the rows, as cells of several lines need."""
+    """True if lines separate the rows, as cells of several lines need."""
 
 
 @dataclass(frozen=True)

@@ -90,10 +90,10 @@ class Surface:
     influence: InfluenceFunction
     """Of the beam of `modelled`, or the user's own."""
     sampling: Sampling
-    """What decides which loads a layout tells from one contact: errors, rate and readings of samples."""
+    """Errors, rate and readings of samples, which decide what loads a layout tells from one contact."""
     rules: LayoutRules
-    """Where sensors may stand. Housings do not overlap, and neighbours are farther apart than their mounting tolerance:
-    they do not change places."""
+    """Allowed positions of sensors. Housings do not overlap, and neighbours are farther apart than their mounting
+    tolerance: they do not change places."""
 
     @property
     def beam(self) -> Beam:

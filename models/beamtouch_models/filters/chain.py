@@ -46,7 +46,7 @@ class Mean:
 
     @property
     def grows(self) -> bool:
-        """Whether the mean is of the readings that agree."""
+        """True if the mean is of the readings that agree."""
         return self.kind == "growing-mean"
 
     @property
@@ -56,7 +56,7 @@ class Mean:
 
 
 class State(NamedTuple):
-    """What a chain knows of the readings before the next one."""
+    """The memory of a chain: the readings before the next one."""
 
     stream: Stream
     """Sums of all readings but the newest one, in parts of the noise."""

@@ -34,16 +34,16 @@ STILL_PART = 1 / 4
 
 
 class Seen(NamedTuple):
-    """What is seen at each reading; all but `lags` have shape (readings,)."""
+    """The finding at each reading; all but `lags` have shape (readings,)."""
 
     since: NDArray[np.intp]
     """Number of rows since the newest change, without the newest one if that is doubtful."""
     sizes: NDArray[np.intp]
     """Number of them that count."""
     drifts: NDArray[np.bool_]
-    """Whether they drift; not if all rows before the change are lost, as it may be a step then."""
+    """True where they drift; not if all rows before the change are lost, as it may be a step then."""
     touched: NDArray[np.bool_]
-    """Whether they follow a touch: a sharp change of a beam that lay still."""
+    """True where they follow a touch: a sharp change of a beam that lay still."""
     jumps: FloatArray
     """Square of the newest change: of their mean from that of as many rows before, in units of the noise; 0 without."""
     lags: FloatArray

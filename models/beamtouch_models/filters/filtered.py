@@ -11,7 +11,7 @@ from beamtouch_models.filters.readings import FloatArray
 
 
 class Found(NamedTuple):
-    """Where a beam that swings will rest, or where it is just after a touch, as the mean of some readings."""
+    """The place where a beam that swings will rest, or is just after a touch, as the mean of some readings."""
 
     mean_mm: FloatArray
     """Shape (channels,); NaN of a channel that is missing in the newest reading."""
@@ -22,7 +22,7 @@ class Found(NamedTuple):
     variance_mm2: float
     """Sum of its variances."""
     is_rest: bool = True
-    """Whether it is where the beam will rest."""
+    """True if the beam will rest there."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Filtered:
     noise_mm: FloatArray | None
     """Standard deviation of a reading, shape (channels,); None if it is not known."""
     moves: NDArray[np.bool_]
-    """Whether the readings scatter more than their noise explains, shape (readings,); never without a known noise."""
+    """True where the readings scatter more than their noise explains, shape (readings,); not if it is unknown."""
     lags: NDArray[np.bool_]
-    """Whether the newest readings are apart from a long mean that does not move, shape (readings,)."""
+    """True where the newest readings are apart from a long mean that does not move, shape (readings,)."""
     excess_mm2: FloatArray
     """Covariance beyond that of the noise, of the means that move or lag, shape (uncertain, channels, channels)."""
     found: NDArray[np.bool_]
-    """Whether the mean is the rest about which the beam swings, shape (readings,)."""
+    """True where the mean is the rest about which the beam swings, shape (readings,)."""
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -95,7 +95,7 @@ class Filtered:
 
     @property
     def uncertain(self) -> NDArray[np.bool_]:
-        """Whether the covariance of a mean is more than that of the noise, shape (readings,)."""
+        """True where the covariance of a mean is more than that of the noise, shape (readings,)."""
         return self.moves | self.lags
 
     @property

@@ -24,7 +24,7 @@ BASES_S, BASES = 5.0, 5
 FASTER, NOISES = 1.5, 4.0
 """Least rate that is told, over the stated one, beside so many deviations of the means."""
 ALIKE = 0.25
-"""Where half of the other zeros have moved by more than this part of the way of the fastest, the hall warms."""
+"""The hall warms if half of the other zeros have moved by more than this part of the way of the fastest."""
 MINUTE_S = 60.0
 
 
@@ -34,7 +34,7 @@ class Hurried(NamedTuple):
     channel: int
     mm_per_min: float
     is_common: bool
-    """Whether most zeros drift together."""
+    """True if most zeros drift together."""
 
 
 class Hurry:

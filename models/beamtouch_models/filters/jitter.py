@@ -66,7 +66,7 @@ class _Waves(NamedTuple):
     speed: FloatArray
     """In units of the noise per reading, shape (times,)."""
     said: FloatArray
-    """What the fit says, shape (times, channels)."""
+    """Values of the fit, shape (times, channels)."""
 
     @classmethod
     def of(cls, fit: Fit, times: FloatArray) -> "_Waves":

@@ -49,15 +49,15 @@ class Taken(NamedTuple):
     begun: int
     """Number of rows since the filter began."""
     spikes: NDArray[np.bool_]
-    """Which readings are spikes, shape (rows, channels)."""
+    """True where readings are spikes, shape (rows, channels)."""
     doubtful: NDArray[np.bool_]
-    """Whether the newest reading of each mean may be a spike, shape (means,)."""
+    """True where the newest reading of a mean may be a spike, shape (means,)."""
     mean: FloatArray
     """Means after the last rows, shape (means, channels); NaN where a channel has none."""
     variance: FloatArray
     """Relative variance of their noise, of the same shape."""
     seen: Seen
-    """What the look has seen there."""
+    """The finding there."""
 
     @property
     def number(self) -> FloatArray:
@@ -74,7 +74,7 @@ class Near(NamedTuple):
     deviations: FloatArray
     """Their deviations from the mean [mm], shape (means, rows, channels); 0 if missing."""
     missing: NDArray[np.bool_] | None
-    """Which of them are missing, of the same shape; None: none of them."""
+    """True where they are missing, of the same shape; None: nowhere."""
     squares: FloatArray
     """Sums of squares of the compared readings about their own mean, in units of the noise, shape (means,)."""
     newest: FloatArray

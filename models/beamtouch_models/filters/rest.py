@@ -48,11 +48,11 @@ class Rest:
         self._good: NDArray[np.bool_] | None = None
         """The channels that were good in the last reading taken."""
         self._bounds: list[tuple[float, float]] = []
-        """What the mean explains of each channel, as the device counts; empty while something happens."""
+        """Counts of each channel that the mean explains, from and to; empty while something happens."""
 
     @property
     def lasts(self) -> bool:
-        """Whether nothing happens, as far as the readings taken say."""
+        """True if nothing happens, as far as the readings taken say."""
         return bool(self._bounds)
 
     def follow(

@@ -1,4 +1,4 @@
-"""Where the beam rings about its rest: the free-pole fit, reading by reading.
+"""Finds the rest of a beam that rings: the free-pole fit, reading by reading.
 
 While a beam swings, the mean of few readings is far from where it will rest, and a mean of many must begin somewhere.
 The constant of a fit needs neither: it is known as soon as the readings show the swings. The fit begins with the first
@@ -62,7 +62,7 @@ LAGS = (1, 2)
 
 
 class Followed(NamedTuple):
-    """What is known of a beam that moves."""
+    """The memory of a beam that moves."""
 
     block: tuple[tuple[float, FloatArray], ...]
     """Times and values of the readings that are no row yet."""
@@ -85,7 +85,7 @@ class Followed(NamedTuple):
     constants: tuple[FloatArray, ...]
     """Of the last fits in a row, shape (channels,) each."""
     opened: bool
-    """Whether the swings are most of what is seen."""
+    """True if the swings are most of the motion."""
     calm: int
     """Readings in a row that did not move."""
     found: Found | None
@@ -98,7 +98,7 @@ class Followed(NamedTuple):
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether the last fit is the second one in a row. One to few rows may be chance."""
+        """True if the last fit is the second one in a row. One to few rows may be chance."""
         return len(self.constants) > 1
 
     def with_rows(self, times: FloatArray, values: FloatArray) -> Self:

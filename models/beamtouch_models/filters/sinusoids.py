@@ -34,7 +34,7 @@ Others tell a faster swing from a slow one."""
 SOUGHT = 0.99 / 0.995
 """Part of the highest frequency up to which a new pole is sought."""
 BETTER = 1.02
-"""What a swing above `HIGHEST` must explain, over what one below does: often they are nearly the same."""
+"""A swing above `HIGHEST` must explain this many times what one below does: often they are nearly the same."""
 UNEVEN = 0.012
 """R.m.s. distance of intervals from whole multiples of the usual one, over that, from which on readings are uneven."""
 LEAST_CYCLES = 0.8
@@ -120,7 +120,7 @@ class Fit(NamedTuple):
     following: Poles
     """The poles after a Gauss-Newton step."""
     promised: float
-    """What the step leaves of the sum of squares, as far as it is linear."""
+    """Part of the sum of squares that the step leaves, as far as it is linear."""
     jitter: float = 0.0
     """Deviation of the stamps that is allowed for, in readings."""
 

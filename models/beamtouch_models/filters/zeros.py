@@ -48,7 +48,7 @@ class _Block(NamedTuple):
 
 
 class _Zero(NamedTuple):
-    """What was known at the last rest."""
+    """The zeros at the last rest."""
 
     at: int
     """Number of readings before it ended."""
@@ -64,13 +64,13 @@ class _Zero(NamedTuple):
 
 
 class _Load(NamedTuple):
-    """What keeps the beam from its rest."""
+    """A load, which keeps the beam from its rest."""
 
     at: int = 0
     """Number of readings before the end of the first block that is like it."""
     first: _Block | None = None
     has_changed: bool = False
-    """Whether the readings have changed since then by more than a drift does."""
+    """True if the readings have changed since then by more than a drift does."""
 
 
 class Zeros:
@@ -138,7 +138,7 @@ class Zeros:
 
     @property
     def is_loaded(self) -> bool:
-        """Whether the readings left what drift explains, as far as whole blocks say."""
+        """True if the readings left what drift explains, as far as whole blocks say."""
         return self._load is not None
 
     @property

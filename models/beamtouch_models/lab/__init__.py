@@ -1,1 +1,1 @@
-"""What plays the real world: the rig, the challenge of a model, the trade of its figures, the paper's reproduction."""
+"""Simulations of the real world: the rig, challenges of a model, the trade of its figures, the paper's reproduction."""

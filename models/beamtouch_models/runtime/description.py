@@ -14,7 +14,7 @@ SOUGHT: dict[Criterion, str] = {
     "position-error": "the least position error",
     "eigenvalue-product": "the largest product of eigenvalues, as in the paper",
 }
-"""What each criterion of placement seeks."""
+"""The goal of each criterion of placement, in words."""
 NARROW = 0.015
 """Share of the range of contacts that a stretch at one of its ends must exceed to be told."""
 

@@ -33,7 +33,7 @@ class Errors(Rounded):
     """
 
     noise_mm: float
-    """What averages away."""
+    """Noise, which averages away."""
     gain: ArrayLike = 0.0
     """Relative error of the gain that is left after calibration."""
     zero_mm: ArrayLike = 0.0

@@ -50,7 +50,7 @@ class ForceRange:
 
     @property
     def is_open(self) -> bool:
-        """Whether the range says nothing against a force beyond it."""
+        """True if the range says nothing against a force beyond it."""
         return self.openness == 1.0
 
     @property

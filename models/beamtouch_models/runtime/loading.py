@@ -35,7 +35,7 @@ class ModelFile:
     identity: str
     """`name@` and the first six hex digits of the file's SHA-256."""
     graph: Graph
-    """What runs in onnxruntime."""
+    """The graph, which runs in onnxruntime."""
 
     @property
     def outputs(self) -> tuple[str, ...]:

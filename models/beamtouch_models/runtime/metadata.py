@@ -62,7 +62,7 @@ class Ranges(MetadataPart):
 
     position_mm: Pair
     force_n: PositivePair
-    """What a force beyond it says against a contact: `runtime.force_range`. Equal if the force is exact."""
+    """Evidence of a force beyond it against a contact: `runtime.force_range`. Equal if the force is exact."""
 
 
 class Sensor(MetadataPart):
@@ -133,7 +133,7 @@ class DrawnSupport(MetadataPart):
     at_mm: FiniteFloat
     kind: Literal["simple", "fixed"]
     slides: bool
-    """Whether the beam can move lengthwise on it."""
+    """True if the beam can move lengthwise on it."""
 
 
 class BeamDrawing(MetadataPart):

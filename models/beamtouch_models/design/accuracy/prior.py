@@ -93,12 +93,12 @@ def _as_it_is(deflection_mm: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known before a sample: the contacts, uniform in place and force, influence and errors."""
+    """Knowledge before a sample: the contacts, uniform in place and force, influence and errors."""
 
     extent: Extent
-    """Where contacts lie."""
+    """Extent of the contacts."""
     diagonal_mm: float
-    """What errors are stated in percent of: the length of a beam."""
+    """Length of which errors are a percentage: that of a beam."""
     force_n: tuple[float, float]
     """Equal ends: the force is exact."""
     errors: Errors

@@ -46,7 +46,7 @@ from beamtouch_models.runtime.metadata import FilterChoice, SmallestForce
 PLACES = 129
 """Places at which a contact is looked for, about; the odds change little between them."""
 BLIND = 10.0
-"""Where more than this many times the largest force is needed, nothing is seen: at a support, or right beside it."""
+"""A place that needs more than this many times the largest force shows nothing: a support, or right beside one."""
 FLAT = 1e-9
 """Deflection over the largest one below which a place does not move: a support, where only rounding is left."""
 DRIFTS = 2.0

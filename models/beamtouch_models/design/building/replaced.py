@@ -13,7 +13,7 @@ AS_BUILT = "# design-sensors build replaces this file without --force only as lo
 """Begins the last line of a configuration, before a digest of all others."""
 DIGEST_LENGTH = 12
 GENERATOR = b'<meta name="generator" content="design-sensors build">'
-"""What a report has in its head, and no page of another program."""
+"""Text that the head of each report has, and no page of another program."""
 HEAD = 1000
 """Bytes in which it stands."""
 FORCE = "name another file, or add --force to replace it"

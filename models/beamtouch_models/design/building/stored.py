@@ -1,4 +1,4 @@
-"""What an earlier build has left in a model file, of any version of its format."""
+"""The settings that an earlier build has left in a model file, of any version of its format."""
 
 import json
 import re

@@ -30,7 +30,7 @@ HARMLESS_BEND, HARMLESS_NOISES = 0.03, 2.0
 
 @dataclass(frozen=True)
 class Doubts:
-    """What a recording hides."""
+    """Doubts about a recording: effects that it would hide."""
 
     refusal: str = ""
     """Names a channel that does not fit; empty if none shows."""

@@ -43,7 +43,7 @@ class MistakenLoad:
     force_n: float
     """Position and force of the load by a fit to the others."""
     certain: bool
-    """Whether no other load can be the mistaken one instead."""
+    """True if no other load can be the mistaken one instead."""
 
 
 def mistaken(nominal: NominalSurface, loads: Loads, progress: Fraction = silent) -> tuple[MistakenLoad, ...]:

@@ -92,7 +92,7 @@ class NominalSurface:
 
     @cached_property
     def hinged(self) -> tuple[bool, bool]:
-        """Whether the first and the last support can have a fixity."""
+        """True if the first and the last support can have a fixity."""
         supports = self.beam.support_list
         if not supports:
             return False, False

@@ -27,7 +27,7 @@ SEGMENTS = 256
 
 
 class Held(NamedTuple):
-    """What temperature does to a beam that is held lengthwise."""
+    """The axial force that temperature causes in a beam that is held lengthwise."""
 
     force_n_per_k: float
     """Compression per kelvin of warming, where it is largest."""

@@ -39,7 +39,7 @@ class Span(NamedTuple):
     start_mm: float
     end_mm: float
     mirrored: bool
-    """Whether the form's left end is the right end of the span."""
+    """True if the form's left end is the right end of the span."""
     shear: float = 0.0
     """phi = EI/(k G A l^2); zero if the scene states no shear modulus."""
 

@@ -28,7 +28,7 @@ POINTS = 801
 
 @dataclass(frozen=True)
 class Interpolation:
-    """What a table of measured influence leaves unknown between its places."""
+    """Uncertainty of a table of measured influence between its places."""
 
     deviation_at: Callable[[Floats, Floats], Floats]
     """From places of sensors (sensors, axes) and loads (loads, axes) to the standard deviation of the influence there,
@@ -73,7 +73,7 @@ class InfluenceFunction:
     unit_mm_per_n: float = 1.0
     """Deflection per newton that counts as 1 in a dimensionless score, positive; l^3/(EI) of a beam."""
     interpolation: Interpolation | None = None
-    """What a table leaves unknown; None: `at` is exact."""
+    """Uncertainty between the places of a table; None: `at` is exact."""
 
     def __post_init__(self) -> None:
         load = np.array(self.load_mm, dtype=np.float64)  # a copy: the caller may change its array
@@ -111,7 +111,7 @@ class InfluenceFunction:
 
     @property
     def diagonal_mm(self) -> float:
-        """What errors are stated in percent of: the length of a beam, the diagonal of a plate."""
+        """Length of which errors are a percentage: that of a beam, the diagonal of a plate."""
         return math.hypot(*self.size_mm)
 
     @property
@@ -121,7 +121,7 @@ class InfluenceFunction:
 
     @property
     def extent(self) -> Extent:
-        """Where contacts lie."""
+        """Extent of the contacts."""
         ends = zip(self.place_mm.min(axis=0).tolist(), self.place_mm.max(axis=0).tolist(), strict=True)
         return Extent(tuple(ends))
 
@@ -135,7 +135,7 @@ class InfluenceFunction:
         return self.at(sensor_mm, self.place_mm)
 
     def is_uncertain(self, tolerance_mm: float) -> bool:
-        """Whether `deviation` is more than nothing."""
+        """True if `deviation` is more than nothing."""
         return tolerance_mm > 0 or self.interpolation is not None
 
     def deviation(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
@@ -165,7 +165,7 @@ class InfluenceFunction:
 
 
 def _is_even(load: Floats, diagonal_mm: float) -> bool:
-    """Whether loads (loads, axes) are all places of an even grid in their order."""
+    """True if loads (loads, axes) are all places of an even grid in their order."""
     ticks = [np.unique(column) for column in load.T]
     if math.prod(len(tick) for tick in ticks) != len(load) or not np.array_equal(grid_of(ticks), load):
         return False

@@ -39,7 +39,7 @@ COUNT_DRAWS = 1_000
 
 @dataclass(frozen=True)
 class Aim:
-    """What a placement makes best, and how it searches.
+    """The goal of a placement, and the way in which it searches.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a layout costs in which part of the structure, and why each of its sensors stands where it stands.
+"""Errors of a layout in each part of the structure, and the reason for the position of each sensor.
 
 All is computed: a sensor stands where it stands because of what the error would be without it, and where.
 """

@@ -42,7 +42,7 @@ GAIN = 1e-10
 
 
 class Objective(Protocol):
-    """What a search makes largest."""
+    """The objective, which a search makes largest."""
 
     @property
     def rules(self) -> LayoutRules:

@@ -39,7 +39,7 @@ VERDICTS: dict[Verdict, tuple[str, str]] = {
     "not stated": ("not stated", "not known from the scene; the remark says what would tell it"),
     "not modelled": ("not modelled", "it matters, but no part of the model includes it"),
 }
-"""What people read for each verdict, and what it means."""
+"""Words of each verdict for people, with their meaning."""
 MAX_POSITIONS = 401
 """Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
 NEAR = 0.5

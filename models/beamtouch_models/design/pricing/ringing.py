@@ -39,7 +39,7 @@ class Ringing(Rounded):
     after_lift_s: float
     """The same from its lift."""
     damping_is_assumed: bool
-    """Whether the scene states no damping; all times are inversely proportional to it."""
+    """True if the scene states no damping; all times are inversely proportional to it."""
     aliased: tuple[Aliased, ...]
     """Modes that seem to stand still to readings at the rate of the scene."""
     better_rate_hz: float | None

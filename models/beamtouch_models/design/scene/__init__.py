@@ -79,7 +79,7 @@ class Scene(Strict):
 
     @property
     def has_beam(self) -> bool:
-        """Whether the structure is a beam; otherwise its influence function is given beside the scene."""
+        """True if the structure is a beam; otherwise its influence function is given beside the scene."""
         return self.stated_beam is not None
 
     @property
@@ -94,7 +94,7 @@ class Scene(Strict):
 
     @property
     def wants_force(self) -> bool:
-        """Whether the model states the force."""
+        """True if the model states the force."""
         return "force" in self.requirements.descriptors
 
 

@@ -48,7 +48,7 @@ class Support(Strict):
     analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89 (1963)."""
 
     slides: bool | None = None
-    """Whether the beam can move lengthwise on it, as on a roller; by default on a simple support, not on a fixed one.
+    """True if the beam can move lengthwise on it, as on a roller; by default on a simple support, not on a fixed one.
     It matters only if the temperature changes."""
 
     @field_validator("kind", mode="before")
@@ -67,7 +67,7 @@ class Support(Strict):
 
     @property
     def holds_lengthwise(self) -> bool:
-        """Whether the beam cannot move lengthwise on it."""
+        """True if the beam cannot move lengthwise on it."""
         return not (self.kind == "simple" if self.slides is None else self.slides)
 
     @property

@@ -57,7 +57,7 @@ class Row:
     name: str
     honest: bool
     quiet: bool
-    """Whether contacts should carry no note: settled, and within the ranges of the model."""
+    """True if contacts should carry no note: settled, and within the ranges of the model."""
     samples: int
     error_mm: float | None
     """Mean distance of the position from the truth, over the samples that are a contact."""

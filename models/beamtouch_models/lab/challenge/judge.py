@@ -33,7 +33,7 @@ class Verdicts:
     """Values of `Outcome`."""
     unsteady: Bools
     other_note: Bools
-    """Whether there is a note other than `unsteady`."""
+    """True where there is a note other than `unsteady`."""
     position_mm: Floats
     low_mm: Floats
     high_mm: Floats

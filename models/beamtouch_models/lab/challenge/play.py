@@ -96,12 +96,12 @@ class Play:
     rows: tuple[tuple[str, int], ...]
     """Each row of the result: its name, and the reading that it judges."""
     quiet: bool = False
-    """Whether the contacts that are judged have settled and are within the ranges of the model."""
+    """True if the contacts that are judged have settled and are within the ranges of the model."""
     crosses: Bools | None = None
     """(draws,), whether the load crosses a support; None: none does. There, the beam does not bend, so that the contact
     ends and begins again."""
     again: bool = False
-    """Whether a contact may begin more than once."""
+    """True if a contact may begin more than once."""
     fault_mm: Floats | None = None
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
     lost: Bools | None = None
@@ -181,5 +181,5 @@ class Case(NamedTuple):
     """A play and its rows."""
 
     honest: bool
-    """Whether it is one contact, measured as honestly as the scene states."""
+    """True if it is one contact, measured as honestly as the scene states."""
     make: Make

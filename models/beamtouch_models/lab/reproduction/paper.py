@@ -117,7 +117,7 @@ class Figure:
     chart: Chart
     numbers: Numbers
     checks: dict[str, bool]
-    """Which statements of the paper hold here."""
+    """Statements of the paper, each with its outcome here."""
 
     @property
     def file_name(self) -> str:

@@ -47,7 +47,7 @@ Convert = Callable[[], list[int]]
 
 @dataclass(frozen=True)
 class Module:
-    """Where a module has its values, and their form, in the words of the daemon's configuration."""
+    """Registers and form of a module's values, in the words of the daemon's configuration."""
 
     unit: int = 1
     function: Literal[3, 4] = 4

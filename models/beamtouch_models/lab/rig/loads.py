@@ -58,7 +58,7 @@ class Script(Strict):
     """A sequence of steps. After the last it starts again if `repeat`, else the load is gone for good."""
 
     repeat: bool = True
-    """Whether the script starts again after its last step."""
+    """True if the script starts again after its last step."""
     step: Annotated[list[Step], Field(min_length=1)]
     """Steps, in their order."""
 

@@ -37,7 +37,7 @@ REST = 5
 
 
 class State(StrEnum):
-    """Whether something touches the surface."""
+    """State of a surface: touched, clear, or explained by neither."""
 
     CONTACT = "contact"
     CLEAR = "clear"
@@ -46,11 +46,11 @@ class State(StrEnum):
 
 
 class Memory(NamedTuple):
-    """What is known of the samples so far. Equal memories decide alike on everything that follows."""
+    """The memory of the samples so far. Equal memories decide alike on everything that follows."""
 
     state: State
     armed: bool = False
-    """Whether a clear beam lay still since the last contact. Then nothing but a touch moves it."""
+    """True if a clear beam lay still since the last contact. Then nothing but a touch moves it."""
     still: int = 0
     """Still samples in a row since the last contact, of a clear beam that is not armed."""
     changing: int = 0
@@ -175,9 +175,9 @@ class Judgement(NamedTuple):
 
     state: State
     unsteady: bool
-    """Whether the beam moves, or this sample alone does not settle the state; true while no state is known yet."""
+    """True if the beam moves, if this sample alone does not settle the state, and while no state is known yet."""
     shown: bool
-    """Whether all hypotheses agree on the state."""
+    """True if all hypotheses agree on the state."""
 
 
 class Hypotheses:
@@ -189,7 +189,7 @@ class Hypotheses:
         self.memories = tuple(before)
         """The memories so far, without repeats; one if the samples before no longer matter."""
         self.is_known = is_known or self.agree
-        """Whether a state was known at any time."""
+        """True if a state was known at any time."""
 
     @property
     def state(self) -> State:
@@ -198,7 +198,7 @@ class Hypotheses:
 
     @property
     def agree(self) -> bool:
-        """Whether all hypotheses have the same state."""
+        """True if all hypotheses have the same state."""
         return all(memory.state is self.state for memory in self.memories)
 
     def step(self, evidence: Evidence) -> Judgement:

@@ -41,7 +41,7 @@ class Weighed:
 
     @cached_property
     def is_whole(self) -> bool:
-        """Whether no channel is missing in any sample."""
+        """True if no channel is missing in any sample."""
         return bool(self.valid.all())
 
     def of_valid(self, values: Floats) -> Floats:
@@ -107,13 +107,13 @@ class Evidence(NamedTuple):
     rest_misfit: float
     """Misfit of rest: the squared length of the whitened sample."""
     moves: bool
-    """Whether the readings scatter more than their noise."""
+    """True if the readings scatter more than their noise."""
     still_log_odds: float
     """Log odds of contact if the scatter were none: under the noise alone."""
     still_whitening_per_mm: Floats
     """(channels, channels), if the scatter were none: under the noise alone."""
     is_settled: bool
-    """Whether the noise is about that which the model was made for, or less."""
+    """True if the noise is about that which the model was made for, or less."""
 
     @property
     def log_odds(self) -> float:

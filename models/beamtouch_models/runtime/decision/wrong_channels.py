@@ -32,7 +32,7 @@ class LeftOut(NamedTuple):
     misfit: float
     """Misfit of the best single contact."""
     explained: bool
-    """Whether rest or a single contact explains the sample."""
+    """True if rest or a single contact explains the sample."""
 
 
 class Suspects:
@@ -111,7 +111,7 @@ class WiringFault(NamedTuple):
 
     @property
     def is_reversed(self) -> bool:
-        """Whether all channels are in reverse order."""
+        """True if all channels are in reverse order."""
         return len(self.order) > CHECKED and self.order == list(range(len(self.order)))[::-1]
 
     def corrected(self, sample: Weighed) -> Weighed:

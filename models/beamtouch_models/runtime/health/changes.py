@@ -135,7 +135,7 @@ class Estimate:
     low: float
     high: float
     changed: bool
-    """Whether the change is certain."""
+    """True if the change is certain."""
 
     @classmethod
     def of(cls, value: float, deviation: float, *, changed: bool) -> Self:

@@ -49,7 +49,7 @@ class BestSample:
     """Mean deflections at rest before the contact; None if it was not seen."""
     rest_deviation_mm: Sequence[float] | None = None
     is_contact: bool = True
-    """Whether a single contact explains it within what the model allows."""
+    """True if a single contact explains it within what the model allows."""
 
 
 @dataclass(frozen=True)

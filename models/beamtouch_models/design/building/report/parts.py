@@ -1,4 +1,4 @@
-"""What is drilled, bought and set for a surface, row by row, and which of it the scene states."""
+"""The parts list of a surface: holes, sensors and settings, row by row, with those that the scene states marked."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from beamtouch_models.runtime.metadata import Metadata
 
 @dataclass(frozen=True)
 class Place:
-    """Where a sensor stands."""
+    """The position of a sensor."""
 
     name: str
     from_left_mm: float
@@ -29,7 +29,7 @@ class Place:
     housing_mm: tuple[float, float]
     """Both sides of the housing, from the left end."""
     is_fixed: bool
-    """Whether the scene put it there."""
+    """True if the scene put it there."""
 
 
 def places_of(scene: Scene, metadata: Metadata) -> list[Place]:
@@ -65,7 +65,7 @@ class Part:
     value: str
     remark: str
     source: Source
-    """Whether the scene states it; "computed" is what follows from what it states."""
+    """True if the scene states it; "computed" marks what follows from that."""
 
 
 def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:

@@ -1,4 +1,4 @@
-"""What a customer asks before signing, with the answers of the model in short sentences; `code` is in backticks."""
+"""Questions of a customer before signing, with the model's answers in short sentences; `code` is in backticks."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

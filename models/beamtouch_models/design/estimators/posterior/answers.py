@@ -349,7 +349,7 @@ class Grid:
     """s"""
     low_mm: float
     fine: bool = False
-    """Whether cells may be so narrow that plain sums in float32 would lose a digit of the interval."""
+    """True if cells may be so narrow that plain sums in float32 would lose a digit of the interval."""
 
 
 def state_answers(graph: Graph, prior: Prior, found: Scored, least: str, grid: Grid, *, with_force: bool) -> list[str]:
