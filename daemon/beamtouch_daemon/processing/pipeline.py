@@ -73,7 +73,7 @@ class Pipeline:
         self._rate_hz = surface.rate_hz
         self.last_s: float | None = None
         """Time of the newest reading that was processed, by the clock of `uptime_s`."""
-        self._sequence = 1
+        self._next_number = 1
 
     @property
     def most_waiting(self) -> int:
@@ -137,14 +137,16 @@ class Pipeline:
             waits = (unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)).tolist()
         if self.far_zero_mm is not None or self.hurried_zero is not None:
             notes = (*notes, Note.ZEROS)
-        rows = zip(readings, values.tolist(), codes.tolist(), stated, drifts, waits, strict=True)
-        return [
+        rows = zip(readings, values.tolist(), codes.tolist(), stated, drifts, strict=True)
+        settled = [row for row, wait in zip(rows, waits, strict=True) if not wait]
+        samples = [
             TimedSample(
-                reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt, drift), notes
+                reading, _sample(number, reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt, drift), notes
             )
-            for reading, value, code, doubt, drift, wait in rows
-            if not wait
+            for number, (reading, value, code, doubt, drift) in enumerate(settled, self._next_number)
         ]
+        self._next_number += len(samples)
+        return samples
 
     def _quality(self, counts: FloatArray, gap_mm: FloatArray) -> NDArray[np.int8]:
         codes = self._characteristic.quality(counts, gap_mm)
@@ -181,23 +183,22 @@ class Pipeline:
             return filtered.at(np.array([len(filtered.moves) - 1]))
         return filtered
 
-    def _sample(
-        self,
-        unix_s: float,
-        values: list[float],
-        codes: list[int],
-        uncertainty: Uncertainty,
-        zero_mm: list[float] | None,
-    ) -> Sample:
-        # The service validates what it receives; to do so here as well would double the cost of a covariance.
-        sample = Sample.model_construct(
-            sequence=self._sequence,
-            acquired_unix_us=round(unix_s * 1e6),
-            deflection_mm=[None if code == _MISSING else value for value, code in zip(values, codes, strict=True)],
-            quality=[QUALITIES[code] for code in codes],
-            readings=uncertainty.readings,
-            covariance_mm2=uncertainty.covariance_mm2,
-            zero_mm=zero_mm,
-        )
-        self._sequence += 1
-        return sample
+
+def _sample(
+    number: int,
+    unix_s: float,
+    values: list[float],
+    codes: list[int],
+    uncertainty: Uncertainty,
+    zero_mm: list[float] | None,
+) -> Sample:
+    # The service validates what it receives; to do so here as well would double the cost of a covariance.
+    return Sample.model_construct(
+        sequence=number,
+        acquired_unix_us=round(unix_s * 1e6),
+        deflection_mm=[None if code == _MISSING else value for value, code in zip(values, codes, strict=True)],
+        quality=[QUALITIES[code] for code in codes],
+        readings=uncertainty.readings,
+        covariance_mm2=uncertainty.covariance_mm2,
+        zero_mm=zero_mm,
+    )

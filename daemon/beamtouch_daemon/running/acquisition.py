@@ -67,7 +67,7 @@ class Acquisition:
         self.readings = 0
         """TimedSample."""
         self.lost = 0
-        """Due but not taken."""
+        """Due, but not taken, or not processed because of an unexpected error."""
         self.is_missing = True
         """No reading comes: the device is not there yet, or gone."""
         self.last_s: float | None = None
@@ -90,6 +90,8 @@ class Acquisition:
         """True if zeros are far from the last tare, as it was logged."""
         self._unprocessed: list[Reading] = []
         """The newest readings. They become samples once per batch: a few together take about as long as one."""
+        self._discarded = 0
+        """Readings before the next one that an unexpected error kept from the pipeline, and those lost before them."""
         self._arrived = asyncio.Event()
         self._backoff = Backoff(max_s=NEXT_SESSION_S)
         self._repeated = Repeated(_logger, name)
@@ -108,9 +110,9 @@ class Acquisition:
 
     async def read(self) -> None:
         """Read until cancelled; a session that fails is followed by another one, on the same port if that works."""
+        self.last_progress_s = time.monotonic()  # an unexpected error ended it, and some time has passed
         with self.source.kept_open():
             while True:
-                self.is_missing = True
                 self.meter.restart()
                 try:
                     async with aclosing(self.source.readings()) as stream:
@@ -120,6 +122,8 @@ class Acquisition:
                                 await asyncio.sleep(self._pause_s)
                 except SourceError as error:
                     self._repeated.failed(f"{error}; trying again", error.reason)
+                finally:
+                    self.is_missing = True
                 self._arrived.set()  # what waited at rest waits for no other reading
                 self.last_progress_s = time.monotonic()
                 await asyncio.sleep(self._backoff.next())
@@ -138,8 +142,16 @@ class Acquisition:
         readings, self._unprocessed = self._unprocessed, []
         if not readings:
             return
+        readings[0] = readings[0]._replace(lost=readings[0].lost + self._discarded)
         notes = () if self.meter.fits else (Note.RATE,)
-        if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
+        try:
+            samples = self._pipeline.process(readings, time.time() - uptime_s(), notes)
+        except Exception:
+            self._discarded = len(readings) + sum(reading.lost for reading in readings)
+            self.lost += len(readings)
+            raise
+        self._discarded = 0
+        if samples:
             if _logger.isEnabledFor(logging.DEBUG):
                 self._debug_changes(samples)
             self.quality = samples[-1].sample.quality

@@ -4,8 +4,8 @@ import asyncio
 import logging
 import signal
 import uuid
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from time import monotonic
@@ -16,6 +16,7 @@ from beamtouch_common.systemd import ServiceManager
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.config.tare_file import NOT_TARED, TareFile
 from beamtouch_daemon.delivery.backlog import Backlog
+from beamtouch_daemon.delivery.boots import SurfaceLogs
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.live import Live
 from beamtouch_daemon.delivery.log_file import ForeignFileError
@@ -93,7 +94,11 @@ async def run(config: Config) -> tuple[dict[str, Summary], bool]:
         if (port := config.metrics.port) is not None:
             jobs["metrics"] = lambda: metrics.serve(port, acquisitions, store.surfaces, parts)
         await _serve(acquisitions, jobs, parts, signalled)
-        zeros.write(_zeros_of(acquisitions))
+        for acquisition in acquisitions:
+            with _reported(f"{acquisition.name} samples"):
+                acquisition.process()
+        with _reported("zeros"):
+            zeros.write(_zeros_of(acquisitions))
         await _finish(client, store)
         summaries = _summaries(acquisitions, store)
     return summaries, signalled.result() is signal.SIGINT
@@ -149,7 +154,7 @@ async def _serve(
     parts: Parts,
     signalled: asyncio.Future[signal.Signals],
 ) -> None:
-    """Keep all jobs running until a signal comes; then make samples of the last readings."""
+    """Keep all jobs running until a signal comes."""
     manager = ServiceManager()
     manager.ready(_status(acquisitions, parts))
     work = {**jobs, "watchdog": lambda: _watch(acquisitions, parts, manager)}
@@ -157,8 +162,15 @@ async def _serve(
     await signalled
     manager.stopping()
     await cancel(tasks)
-    for acquisition in acquisitions:
-        acquisition.process()
+
+
+@contextmanager
+def _reported(name: str) -> Iterator[None]:
+    """Let an unexpected error in a last piece of work keep no other one from being done."""
+    try:
+        yield
+    except Exception:
+        _logger.critical("%s: unexpected error while stopping", name, exc_info=True)
 
 
 async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogStore, parts: Parts) -> None:
@@ -179,10 +191,16 @@ async def _deliver_backlogs(config: Config, client: ServiceClient, store: LogSto
 async def _finish(client: ServiceClient, store: LogStore) -> None:
     """Deliver what is left, and write the rest to the log file."""
     line = asyncio.Lock()
+
+    async def deliver(name: str, logs: SurfaceLogs) -> None:
+        with _reported(f"{name} backlog"):
+            await Backlog(client, store, logs, line).finish()
+
     with suppress(TimeoutError):
         async with asyncio.timeout(FINISH_S):
-            await asyncio.gather(*(Backlog(client, store, logs, line).finish() for logs in store.surfaces().values()))
-    await store.write(None)
+            await asyncio.gather(*(deliver(name, logs) for name, logs in store.surfaces().items()))
+    with _reported("log file"):
+        await store.write(None)
 
 
 def _summaries(acquisitions: Sequence[Acquisition], store: LogStore) -> dict[str, Summary]:
@@ -202,11 +220,21 @@ async def _watch(acquisitions: Sequence[Acquisition], parts: Parts, manager: Ser
     """Report progress to the service manager. While a surface hangs, nothing is reported: the manager restarts us."""
     pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
     while True:
-        if hanging := [acquisition.name for acquisition in acquisitions if acquisition.hangs(monotonic())]:
+        if hanging := _hanging(acquisitions, parts):
             _logger.error("no progress on %s", ", ".join(hanging))
         else:
             manager.alive(_status(acquisitions, parts))
         await asyncio.sleep(pause_s)
+
+
+def _hanging(acquisitions: Sequence[Acquisition], parts: Parts) -> list[str]:
+    """Return the surfaces that hang. One whose reading fails and is restarted does not: a restart of all helps none."""
+    now_s, failing = monotonic(), parts.failing
+    return [
+        acquisition.name
+        for acquisition in acquisitions
+        if acquisition.hangs(now_s) and not failing.get(f"{acquisition.name} readings")
+    ]
 
 
 def _status(acquisitions: Sequence[Acquisition], parts: Parts) -> str:

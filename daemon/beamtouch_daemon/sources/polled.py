@@ -259,6 +259,10 @@ class PolledSource:
 
     def _attempt_again(self) -> None:
         """Try units again that were given up, after their pause and outside the slots."""
+        for part, attempt in list(self._attempts.items()):
+            if attempt.done():
+                del self._attempts[part]
+                attempt.result()  # an unexpected error ends the session
         for part in self._parts:
             if part.is_given_up and part not in self._attempts and uptime_s() >= part.rests_until_s:
                 self._attempts[part] = asyncio.create_task(self._attempt(part))
@@ -268,9 +272,7 @@ class PolledSource:
             await self._read(part)
         except SourceError as error:
             part.failed(str(error))
-        finally:
-            self._attempts.pop(part, None)
 
     async def _end_attempts(self) -> None:
         await cancel(self._attempts.values())
-        self._attempts.clear()  # one that has not begun does not remove itself
+        self._attempts.clear()
