@@ -1,12 +1,14 @@
 """Which databases a record can be opened in, and what is said of the others: the reason, and at first the remedy."""
 
 import sqlite3
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
+from sqlalchemy import insert, select
 
-from beamtouch_service.record.database.connections import RecordAwayError, RecordUnusableError
+from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError
+from beamtouch_service.record.database.tables import DESTINATIONS
 from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 from service.record_file import execute
@@ -82,3 +84,21 @@ def test_of_a_record_that_was_open_the_reason_is_said_without_a_remedy(tmp_path:
         # It is prepared anew, and is no whole record.
         with pytest.raises(RecordAwayError, match=r"no such table: health"):
             transactions.healths()
+
+
+@pytest.mark.parametrize("fault", [KeyError("of the caller"), ValueError("of the caller")], ids=repr)
+@pytest.mark.parametrize("use", ["writing", "reading_as_writer", "reading"])
+def test_a_fault_of_the_caller_is_no_damage_of_the_record(tmp_path: Path, use: str, fault: Exception) -> None:
+    with closing(opened(tmp_path / "events.db")) as transactions:
+        with pytest.raises(type(fault)) as caught, getattr(transactions.database, use)():
+            raise fault
+        assert caught.value is fault
+
+
+def test_a_fault_in_the_middle_of_a_transaction_undoes_it(tmp_path: Path) -> None:
+    with closing(opened(tmp_path / "events.db")) as transactions:
+        with suppress(LookupError), transactions.database.writing() as connection:
+            connection.execute(insert(DESTINATIONS).values(name="line-3"))
+            raise LookupError
+        with transactions.database.reading() as connection:
+            assert connection.execute(select(DESTINATIONS)).all() == []

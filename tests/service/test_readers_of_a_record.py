@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from sqlalchemy import literal, select, union_all
 
-from beamtouch_service.record.database.connections import RecordAwayError
+from beamtouch_service.record.database.errors import RecordAwayError
 from beamtouch_service.record.reading import readers
 from beamtouch_service.record.reading.readers import Reader, Readers, TooManyReadersError
 from beamtouch_service.record.writing.transactions import Transactions

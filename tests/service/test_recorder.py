@@ -11,7 +11,8 @@ import pytest
 from sqlalchemy import literal, select
 
 from beamtouch_service.record import recorder
-from beamtouch_service.record.database.connections import Database, RecordAwayError, UnreadableRowError
+from beamtouch_service.record.database.connections import Database
+from beamtouch_service.record.database.errors import RecordAwayError, UnreadableRowError
 from beamtouch_service.record.events import boot_record
 from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.record.writing.retention import Deleted

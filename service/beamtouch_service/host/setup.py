@@ -22,7 +22,7 @@ from beamtouch_service.host.serve import configure, serve
 from beamtouch_service.outputs import make
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.record import forecast
-from beamtouch_service.record.database.connections import RecordUnusableError
+from beamtouch_service.record.database.errors import RecordUnusableError
 from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.sections import ServerSection, SurfaceSection, load_pair
 from beamtouch_service.surfaces.surface import Surface

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from beamtouch_common.threads import in_thread
 from beamtouch_common.uptime import uptime_s
-from beamtouch_service.record.database.connections import RecordAwayError, UnreadableRowError
+from beamtouch_service.record.database.errors import RecordAwayError, UnreadableRowError
 from beamtouch_service.record.events.changes import Change
 from beamtouch_service.record.events.event import OpenEvent
 from beamtouch_service.record.events.health import HealthHistory, StoredHealth

@@ -1,35 +1,19 @@
 """A database of the record: one connection that writes, others that read. It is prepared when it is reached."""
 
-import json
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from functools import partial
 
 from sqlalchemy import Connection, Engine, event
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
 
+from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError, reason_of
 from beamtouch_service.record.database.tables import OtherFormatError, is_current, prepare
 
 READERS = 2
 """Threads that read, each with a connection of its own."""
 _READ_ONLY = "25006"
 """The error code of a PostgreSQL standby, which takes writes once it is the primary."""
-
-compact_json = partial(json.dumps, separators=(",", ":"), allow_nan=False)
-"""Writes JSON columns."""
-
-
-class RecordAwayError(Exception):
-    """The record takes nothing now; the message gives its reason, in one line. What failed can be tried again."""
-
-
-class UnreadableRowError(RecordAwayError):
-    """A row is damaged; the message gives the reason, in one line. Others may be whole."""
-
-
-class RecordUnusableError(RecordAwayError):
-    """The record cannot be used as it is; the message gives the reason and the remedy, in one line."""
 
 
 class Connections:
@@ -84,7 +68,10 @@ class Database:
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
-        """Give a transaction, the only one that writes; raises RecordAwayError. Only one thread may use this."""
+        """Give a transaction, the only one that writes; raises RecordAwayError, and as it is what the block raises.
+
+        Only one thread may use this.
+        """
         with self._use_writer() as connection:
             self._require_room(connection)
             with connection.begin():
@@ -110,8 +97,6 @@ class Database:
                 yield connection
         except OtherFormatError as error:
             raise RecordUnusableError(self._with_remedy(str(error), self._remedy)) from None
-        except (ValueError, LookupError) as error:  # a damaged file may hold anything, and SQLite does not see it
-            raise _unreadable(error) from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
             self._is_prepared = False
             reason = self._with_remedy(reason_of(error), self._remedy_of(error)) if is_first else reason_of(error)
@@ -124,8 +109,6 @@ class Database:
             with self._readers.use() as connection:
                 self._limit(connection)
                 yield connection
-        except (ValueError, LookupError) as error:
-            raise _unreadable(error) from None
         except (SQLAlchemyError, sqlite3.Error, OSError) as error:
             raise RecordAwayError(reason_of(error)) from None
 
@@ -174,10 +157,6 @@ class Database:
         self._is_prepared = False
 
 
-def _unreadable(error: Exception) -> UnreadableRowError:
-    return UnreadableRowError(f"a row cannot be read: {reason_of(error)}")
-
-
 def _is_passing(error: Exception) -> bool:
     """Return whether the same call may succeed later."""
     cause = error.orig if isinstance(error, DBAPIError) else error
@@ -188,9 +167,3 @@ def _is_passing(error: Exception) -> bool:
 def code_of(error: Exception) -> str | None:
     """Return the error code of PostgreSQL, if it has one."""
     return getattr(error.orig, "sqlstate", None) if isinstance(error, DBAPIError) else None
-
-
-def reason_of(error: Exception) -> str:
-    """Return the first line of what a database says."""
-    cause = error.orig if isinstance(error, DBAPIError) else error
-    return (str(cause).strip().splitlines() or [type(cause).__name__])[0]

@@ -3,16 +3,10 @@
 from sqlalchemy import URL, Connection, Engine, create_engine, func, make_url, select
 from sqlalchemy.exc import ArgumentError
 
-from beamtouch_service.record.database.connections import (
-    READERS,
-    Connections,
-    Database,
-    RecordUnusableError,
-    code_of,
-    compact_json,
-    reason_of,
-)
+from beamtouch_service.record.database.connections import READERS, Connections, Database, code_of
+from beamtouch_service.record.database.errors import RecordUnusableError, reason_of
 from beamtouch_service.record.database.tables import EVENTS
+from beamtouch_service.record.database.values import JSON_CODEC
 
 _CONNECT: dict[str, object] = {
     "application_name": "beamtouch-service",
@@ -91,7 +85,7 @@ def _server_engine(url: URL, connections: int) -> Engine:
     given = {name: value for name, value in _CONNECT.items() if name not in url.query}
     return create_engine(
         url,
-        json_serializer=compact_json,
+        **JSON_CODEC,
         connect_args=given,
         pool_pre_ping=True,
         pool_size=connections,

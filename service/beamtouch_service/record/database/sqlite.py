@@ -10,7 +10,9 @@ from typing import TypedDict
 from sqlalchemy import Connection, Engine, QueuePool, StaticPool, create_engine, event
 
 from beamtouch_common.files import identity_of
-from beamtouch_service.record.database.connections import READERS, Connections, Database, RecordAwayError, compact_json
+from beamtouch_service.record.database.connections import READERS, Connections, Database
+from beamtouch_service.record.database.errors import RecordAwayError
+from beamtouch_service.record.database.values import JSON_CODEC
 from beamtouch_service.record.database.write_ahead import WriteAheadLog
 
 _BUSY_S = 2.0
@@ -39,7 +41,7 @@ class MemoryDatabase(Database):
     """A database that ends with the process. It has one connection, for one thread at a time."""
 
     def __init__(self) -> None:
-        engine = create_engine("sqlite://", poolclass=StaticPool, connect_args=_SQLITE)
+        engine = create_engine("sqlite://", poolclass=StaticPool, connect_args=_SQLITE, **JSON_CODEC)
         connections = Connections(engine, Lock())
         super().__init__(connections, connections, "events in memory", "start the service again")
 
@@ -84,7 +86,7 @@ def _file_engine(uri: str, connections: int) -> Engine:
         poolclass=QueuePool,
         pool_size=connections,
         max_overflow=0,
-        json_serializer=compact_json,
+        **JSON_CODEC,
     )
 
 

@@ -1,7 +1,6 @@
 """The tables of the record."""
 
 from dataclasses import Field, fields
-from enum import StrEnum
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin
 
@@ -12,7 +11,6 @@ from sqlalchemy import (
     Column,
     Connection,
     Double,
-    Enum,
     ForeignKey,
     Index,
     Integer,
@@ -27,6 +25,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
+from beamtouch_service.record.database.values import Word
 from beamtouch_service.record.events.event import Begin, End, Event, EventKind, Numbered
 
 FORMAT = 14
@@ -36,10 +35,6 @@ _NUMBER = BigInteger().with_variant(Integer, "sqlite")
 _ALL = MetaData()
 
 
-def _words(words: type[StrEnum]) -> Enum:
-    return Enum(words, native_enum=False, length=20, values_callable=lambda members: [one.value for one in members])
-
-
 _TYPES: dict[object, TypeEngine[Any]] = {
     str: String(),
     int: BigInteger(),
@@ -47,7 +42,7 @@ _TYPES: dict[object, TypeEngine[Any]] = {
     bool: Boolean(),
     list: JSON(),
     dict: JSON(none_as_null=True),
-    **{words: _words(words) for words in (Begin, End, EventKind)},
+    **{words: Word(words) for words in (Begin, End, EventKind)},
 }
 
 

@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 from sqlalchemy import Row, Select
 
 from beamtouch_common.threads import Workers
-from beamtouch_service.record.database.connections import READERS, Database, RecordAwayError
+from beamtouch_service.record.database.connections import READERS, Database
+from beamtouch_service.record.database.errors import RecordAwayError
 
 MAX_ANSWERS = 32
 """Answers from the record that may be under way: waiting for a thread, being read, or being sent. Each may be a MB."""
