@@ -13,7 +13,7 @@ from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
 from beamtouch_service.metrics.figures import Figures
 from beamtouch_service.problems import Kind
-from beamtouch_service.record.recorder import Recorder
+from beamtouch_service.record import Recorder
 from schemas import table
 
 _MOST_LABELS = 4

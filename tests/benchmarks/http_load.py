@@ -33,9 +33,7 @@ class Client(asyncio.Protocol):
         head, separator, body = self._received.partition(b"\r\n\r\n")
         if not separator:
             return
-        begin = head.index(b"content-length: ") + 16
-        end = head.find(b"\r", begin)
-        if len(body) < int(head[begin : end if end > 0 else None]):
+        if not _is_whole(head, body):
             return
         now_s = perf_counter()
         self.took_s.append(now_s - self._begin_s)
@@ -50,6 +48,14 @@ class Client(asyncio.Protocol):
     def _ask(self) -> None:
         self._begin_s = perf_counter()
         self._transport.write(self._request)
+
+
+def _is_whole(head: bytes, body: bytes) -> bool:
+    begin = head.find(b"content-length: ") + 16
+    if begin < 16:  # in chunks, the last of which is empty
+        return body.endswith(b"\r\n0\r\n\r\n")
+    end = head.find(b"\r", begin)
+    return len(body) >= int(head[begin : end if end > 0 else None])
 
 
 def _same(client: Client) -> Client:

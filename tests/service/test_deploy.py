@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_service.config import load_settings
-from beamtouch_service.record.forecast import describe
+from beamtouch_service.record.forecast import describe_kept_days
 from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 from service.postgres import PASSWORD, Postgres
@@ -38,7 +38,7 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
 
 def test_the_record_of_several_services_keeps_a_contact_each_2_s_for_its_days() -> None:
     events = load_settings(FOLDER / "service.toml", {}).events
-    assert describe(events)[0] == {"busy_days": events.keep_days}
+    assert describe_kept_days(events)[0] == {"busy_days": events.keep_days}
 
 
 def test_promtool_takes_the_alerts_and_they_fire_as_stated() -> None:

@@ -4,6 +4,7 @@ import asyncio
 import threading
 from collections.abc import Iterator
 from contextlib import AsyncExitStack, closing
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -53,6 +54,38 @@ async def test_an_answer_of_the_database_is_awaited_for_a_time_only(
         await all_readers.read(lambda _: go_on.wait(30))
     go_on.set()
     await asyncio.sleep(0)
+    all_readers.end()
+
+
+async def test_parts_of_an_answer_are_made_when_they_are_taken_and_answers_take_turns(
+    transactions: Transactions,
+) -> None:
+    made = list[str]()
+
+    def query(_: Reader, name: str) -> Iterator[str]:
+        for number in range(3):
+            made.append(f"{name}{number}")
+            yield made[-1]
+
+    all_readers = Readers(transactions.database)
+    one, other = (all_readers.read_parts(partial(query, name=name)) for name in "ab")
+    taken = [await anext(one), await anext(other), await anext(one)]
+    assert taken == made == ["a0", "b0", "a1"]
+    assert [part async for part in other] + [part async for part in one] == ["b1", "b2", "a2"]
+    all_readers.end()
+
+
+async def test_a_part_that_cannot_be_made_ends_its_answer_only(transactions: Transactions) -> None:
+    def query(_: Reader) -> Iterator[int]:
+        yield 1
+        raise RecordAwayError("no route")
+
+    all_readers = Readers(transactions.database)
+    parts = all_readers.read_parts(query)
+    assert await anext(parts) == 1
+    with pytest.raises(RecordAwayError, match=r"^no route$"):
+        await anext(parts)
+    assert await all_readers.read(lambda reader: len(reader.rows(select(literal(1))))) == 1
     all_readers.end()
 
 

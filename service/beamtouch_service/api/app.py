@@ -33,7 +33,7 @@ from beamtouch_service.api.change_log import ChangeLog
 from beamtouch_service.api.context import Clock, Context, Streams
 from beamtouch_service.metrics.counts import Counts
 from beamtouch_service.own_names import OwnNames
-from beamtouch_service.record.recorder import Recorder
+from beamtouch_service.record import Recorder
 from beamtouch_service.surfaces.registry import Registry
 from beamtouch_service.surfaces.surface import Surface
 

@@ -18,7 +18,7 @@ from beamtouch_service.commissioning.runs import CommissioningRuns
 from beamtouch_service.metrics.counts import Counts
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, Problem, ProblemError
-from beamtouch_service.record.recorder import Recorder
+from beamtouch_service.record import Recorder
 from beamtouch_service.steps import Stepper
 from beamtouch_service.surfaces.freshness import StallDetector
 from beamtouch_service.surfaces.registry import Registry

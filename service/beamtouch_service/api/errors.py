@@ -13,8 +13,7 @@ from starlette.types import Scope
 from beamtouch_service.access import Role
 from beamtouch_service.api.context import context_of
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemError
-from beamtouch_service.record.database.errors import RecordAwayError
-from beamtouch_service.record.reading.readers import MAX_ANSWERS, TooManyReadersError
+from beamtouch_service.record import MAX_ANSWERS, RecordAwayError, TooManyReadersError
 
 MAX_ERRORS = 10
 """Places that an answer lists. A batch can be wrong in thousands."""

@@ -1,6 +1,6 @@
 """The routes of the record: events, and their best samples for `design-sensors calibrate --events`.
 
-A reader of the record makes the answers, and the event loop sends them in pieces.
+A reader of the record makes the answers part by part, and the event loop sends them.
 """
 
 import csv
@@ -8,8 +8,7 @@ import io
 import json
 import operator
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import partial
 from itertools import zip_longest
@@ -23,17 +22,26 @@ from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Fiel
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
-from beamtouch_service.api.record_answers import SLOT, Pieces
+from beamtouch_service.api.record_answers import SLOT, answer_in_parts
 from beamtouch_service.problems import Kind, Problem, ProblemError
-from beamtouch_service.record.events.event import Begin, Contradiction, End, EventKind, Numbered
-from beamtouch_service.record.events.event import Event as RecordedEvent
-from beamtouch_service.record.reading import queries
-from beamtouch_service.record.reading.queries import Sampled
-from beamtouch_service.record.reading.readers import Reader
+from beamtouch_service.record import (
+    Begin,
+    Contradiction,
+    End,
+    EventKey,
+    EventKind,
+    Reader,
+    find_best_samples,
+    find_events,
+    get_recorded_event,
+    read_best_samples,
+    read_events,
+)
+from beamtouch_service.record import Event as RecordedEvent
 from beamtouch_service.samples import SurfaceName
 from beamtouch_service.surfaces.contact import ContactQuality, Figures, rfc3339
 
-_CSV = "text/csv"
+_CSV, _JSON = "text/csv", "application/json"
 _DECIMALS = 10
 """Decimals of lengths in mm, as CSV."""
 _MAX_LIMIT = 1000
@@ -244,14 +252,17 @@ def _path(recorded: RecordedEvent) -> list[dict[str, Any]]:
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
     """Return contacts and unexplained stretches, the newest first; as CSV, one row per event."""
     as_csv = query.format == "csv"
-    page = await context.recorder.readers.read(partial(_read_page, query=query))
-    if query.surface and page.is_empty:
+    keys = await context.recorder.readers.read(partial(_find, query=query))
+    if query.surface and not keys:
         # A surface that is no longer configured may still have events; if it has none, the name is wrong.
         context.registry.named(query.surface)
-    headers = {}
-    if as_csv and page.following:
-        headers["Link"] = f'<?{urlencode({**request.query_params, "after": page.following})}>; rel="next"'
-    return Pieces(page.content, headers=headers, media_type=_CSV if as_csv else "application/json")
+    page = keys[: query.limit]
+    following = f"{page[-1].touched_us}.{page[-1].id}" if len(keys) > len(page) else None
+    if not as_csv:
+        return await answer_in_parts(context, partial(_as_json, keys=page, path=query.path, following=following), _JSON)
+    address = urlencode({**request.query_params, "after": following})
+    headers = {"Link": f'<?{address}>; rel="next"'} if following else {}
+    return await answer_in_parts(context, partial(_as_csv, keys=page), _CSV, headers)
 
 
 @router.get("/events/{id}", response_model=EventWithPath, dependencies=[SLOT])
@@ -261,64 +272,67 @@ async def get_event(
     """Return one event, with its path and its capture."""
 
     def read(reader: Reader) -> str | None:
-        recorded = queries.get_event(reader, number)
+        recorded = get_recorded_event(reader, number)
         return _encode(number, recorded, path=True) if recorded else None
 
     content = await context.recorder.readers.read(read)
     if content is None:
         detail = f"There is no event {number}. It was dropped; see GET /events."
         raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
-    return Response(content, media_type="application/json")
+    return Response(content, media_type=_JSON)
 
 
-@dataclass(frozen=True)
-class _Page:
-    """An encoded page of events."""
-
-    content: bytes
-    is_empty: bool
-    following: str | None
-    """The value of `after` for the next page."""
-
-
-def _read_page(reader: Reader, query: EventQuery) -> _Page:
-    path = query.path and query.format == "json"
+def _find(reader: Reader, query: EventQuery) -> list[EventKey]:
+    """Return the events of a page, and one more if there is another page."""
     touched, _, number = (query.after or "").partition(".")
-    events = queries.find_events(
+    return find_events(
         reader,
         surface=query.surface,
         kind=query.kind,
         since_us=microseconds(query.since),
         until_us=microseconds(query.until),
         after=(int(touched), int(number)) if query.after else None,
-        # One event more shows whether there is a next page.
         limit=query.limit + 1,
-        path=path,
     )
-    page = events[: query.limit]
-    following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(events) > len(page) else None
-    if query.format == "csv":
-        return _Page(_as_csv(reader, page), not page, following)
-    encoded = []
-    for numbered in page:
-        encoded.append(_encode(*numbered, path=path).encode())
-        reader.rest()
-    content = b'{"events":[%b],"next":%b}' % (b",".join(encoded), json.dumps(following).encode())
-    return _Page(content, not page, following)
 
 
-def _as_csv(reader: Reader, page: Sequence[Numbered]) -> bytes:
-    """Return a page of events as CSV: one row per event, without paths."""
+def _as_json(reader: Reader, keys: Sequence[EventKey], *, path: bool, following: str | None) -> Iterator[bytes]:
+    """Give a page of events as JSON."""
+    before = '{"events":['
+    for events in read_events(reader, keys, path=path):
+        part = []
+        for numbered in events:
+            part += [before, _encode(*numbered, path=path)]
+            before = ","
+            reader.rest()
+        yield "".join(part).encode()
+    yield f'{"" if before == "," else before}],"next":{json.dumps(following)}}}'.encode()
+
+
+def _as_csv(reader: Reader, keys: Sequence[EventKey]) -> Iterator[bytes]:
+    """Give a page of events as CSV: one row per event, without paths."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(Event.model_fields), lineterminator="\r\n")
     writer.writeheader()
-    for numbered in page:
-        members = event(*numbered).model_dump(mode="json")
-        # As in JSON: `true`, not `True`.
-        is_json = (bool, dict)
-        writer.writerow({name: json.dumps(one) if isinstance(one, is_json) else one for name, one in members.items()})
-        reader.rest()
-    return text.getvalue().encode()
+    for events in read_events(reader, keys, path=False):
+        for numbered in events:
+            members = event(*numbered).model_dump(mode="json")
+            # As in JSON: `true`, not `True`.
+            is_json = (bool, dict)
+            writer.writerow(
+                {name: json.dumps(one) if isinstance(one, is_json) else one for name, one in members.items()}
+            )
+            reader.rest()
+        yield _take(text)
+    yield _take(text)
+
+
+def _take(text: io.StringIO) -> bytes:
+    """Return what was written, and begin again."""
+    part = text.getvalue().encode()
+    text.seek(0)
+    text.truncate()
+    return part
 
 
 class CalibrationQuery(BaseModel):
@@ -349,29 +363,38 @@ async def get_calibration_data(
     surface = context.registry.named(name)
     channels = surface.model.channels if surface.model else None
     span = microseconds(query.since), microseconds(query.until), query.limit
-
-    def read(reader: Reader) -> bytes:
-        return _samples_as_csv(reader, queries.find_best_samples(reader, name, *span), channels)
-
-    return Pieces(await context.recorder.readers.read(read), media_type=_CSV)
+    keys = await context.recorder.readers.read(lambda reader: find_best_samples(reader, name, *span))
+    return await answer_in_parts(context, partial(_samples_as_csv, keys=keys, channels=channels), _CSV)
 
 
-def _samples_as_csv(reader: Reader, contacts: list[Sampled], channels: list[str] | None) -> bytes:
-    """Return best samples of these channels, or else of those of the newest one, as CSV."""
-    readable = [(contact, contact.best) for contact in contacts if contact.best]
-    layout = channels or (readable[-1][1].channels if readable else [])
+def _samples_as_csv(reader: Reader, keys: Sequence[EventKey], channels: list[str] | None) -> Iterator[bytes]:
+    """Give best samples of these channels, or else of those of the newest one, as CSV."""
+    layout = channels or _newest_channels(reader, keys)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     columns = [f"{name}_{what}" for what in ("mm", "sd_mm", "rest_mm", "rest_sd_mm") for name in layout]
     writer.writerow(["event", "time", "model", "characteristic", "readings", *columns])
-    for contact, best in readable:
-        reader.rest()
-        if best.channels != layout:
-            continue
-        values = [best.deflection_mm, best.deviation_mm, best.rest_mm, best.rest_deviation_mm]
-        about = [contact.number, rfc3339(best.at_us), contact.model, best.characteristic or "", best.readings]
-        writer.writerow([*about, *(cell for each in values for cell in _cells(each, len(layout)))])
-    return text.getvalue().encode()
+    for contacts in read_best_samples(reader, keys):
+        for contact in contacts:
+            reader.rest()
+            best = contact.best
+            if best is None or best.channels != layout:
+                continue
+            values = [best.deflection_mm, best.deviation_mm, best.rest_mm, best.rest_deviation_mm]
+            about = [contact.number, rfc3339(best.at_us), contact.model, best.characteristic or "", best.readings]
+            writer.writerow([*about, *(cell for each in values for cell in _cells(each, len(layout)))])
+        yield _take(text)
+    yield _take(text)
+
+
+def _newest_channels(reader: Reader, keys: Sequence[EventKey]) -> list[str]:
+    """Return the channels of the newest best sample that can be read; none without one."""
+    for key in reversed(keys):
+        for contacts in read_best_samples(reader, [key]):
+            for contact in contacts:
+                if contact.best:
+                    return contact.best.channels
+    return []
 
 
 def _cells(values: list[float] | None, count: int) -> list[str]:

@@ -1,14 +1,18 @@
 """Answers from the record: each takes one of a bounded number of slots until its client has it."""
 
-from collections.abc import AsyncIterator
+import logging
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 
-from fastapi import Depends, Response
-from starlette.types import Receive, Scope, Send
+from fastapi import Depends
+from starlette.responses import StreamingResponse
+from starlette.types import Send
 
-from beamtouch_service.api.context import ContextParameter
+from beamtouch_common.log import Repeated
+from beamtouch_service.api.context import Context, ContextParameter
+from beamtouch_service.record import Reader, RecordAwayError
 
-_PIECE_BYTES = 64 * 1024
-"""An answer goes out in pieces of this size. Others get their turn between two of them."""
+_log = logging.getLogger(__name__)
+_repeated = Repeated(_log)
 
 
 async def _have_slot(context: ContextParameter) -> AsyncIterator[None]:
@@ -20,13 +24,34 @@ SLOT = Depends(_have_slot)
 """Of a route that reads the record."""
 
 
-class Pieces(Response):
-    """An answer of which the next piece goes out once the client has taken most of those before."""
+class _Parts(StreamingResponse):
+    """An answer whose next part is made once the client has taken most of those before."""
 
-    async def __call__(self, _scope: Scope, _receive: Receive, send: Send) -> None:
-        """Send it."""
-        await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
-        for start in range(0, len(self.body), _PIECE_BYTES):
-            piece = self.body[start : start + _PIECE_BYTES]
-            await send({"type": "http.response.body", "body": piece, "more_body": True})
-        await send({"type": "http.response.body", "body": b""})
+    async def stream_response(self, send: Send) -> None:
+        """Send it. If its end cannot be read, close the connection before it: no client takes the answer for whole."""
+        try:
+            await super().stream_response(send)
+        except RecordAwayError as error:
+            if _repeated.due(str(error)):
+                _log.warning("an answer from the record broke off: %s", error)
+
+
+async def answer_in_parts(
+    context: Context,
+    query: Callable[[Reader], Iterator[bytes]],
+    media_type: str,
+    headers: Mapping[str, str] | None = None,
+) -> StreamingResponse:
+    """Return the answer whose parts a query gives, at least one; raises RecordAwayError if that cannot be read.
+
+    A reader of the record makes the parts. So an answer takes no more memory than two of them, however long it is.
+    """
+    parts = context.recorder.readers.read_parts(query)
+    first = await anext(parts)
+
+    async def give() -> AsyncIterator[bytes]:
+        yield first
+        async for part in parts:
+            yield part
+
+    return _Parts(give(), headers=headers, media_type=media_type)

@@ -3,9 +3,7 @@
 from sqlalchemy import delete, insert, select
 
 from beamtouch_service.commissioning.report import Recorded, Report
-from beamtouch_service.record.database.tables import COMMISSIONINGS
-from beamtouch_service.record.reading.readers import Reader
-from beamtouch_service.record.writing.transactions import Transactions
+from beamtouch_service.record import COMMISSIONINGS, Reader, Transactions
 
 MAX_KEPT = 20
 """Results that are kept of each surface, however old they are."""

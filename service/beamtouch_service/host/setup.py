@@ -21,9 +21,7 @@ from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.host.serve import configure, serve
 from beamtouch_service.outputs import make
 from beamtouch_service.own_names import OwnNames
-from beamtouch_service.record import forecast
-from beamtouch_service.record.database.errors import RecordUnusableError
-from beamtouch_service.record.recorder import Recorder
+from beamtouch_service.record import Recorder, RecordUnusableError, describe_kept_days
 from beamtouch_service.sections import ServerSection, SurfaceSection, load_pair
 from beamtouch_service.surfaces.surface import Surface
 
@@ -102,7 +100,7 @@ def report(settings: Settings, *, as_json: bool) -> str:
     """Return what a service would serve, with warnings; raises what `prepare` raises."""
     prepared = prepare(settings)
     models_in_use = {one.name: one.model_error or (one.model and one.model.identity) for one in prepared.surfaces}
-    days, limits = forecast.describe(settings.events)
+    days, limits = describe_kept_days(settings.events)
     if as_json:
         return json.dumps({"surfaces": models_in_use, "events": days, "warnings": prepared.warnings})
     lines = [f"surface {name}: {words or 'no model'}" for name, words in models_in_use.items()] + limits

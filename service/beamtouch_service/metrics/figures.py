@@ -10,7 +10,7 @@ from prometheus_client.registry import Collector
 
 from beamtouch_common.zones import ZoneState
 from beamtouch_models.runtime import State
-from beamtouch_service.record.recorder import Recorder
+from beamtouch_service.record import Recorder
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.view import View

@@ -1,8 +1,31 @@
-"""The record: events from every sample, once and in order, stored with the cursor of each boot.
+"""The record: events from every sample, once and in order, stored with the cursor of each boot. Its only door.
 
 recorder   the record of a service: what it takes in, and when that becomes durable
 events/    samples to events, best samples and health: pure
 writing/   the one writer: a thread with a connection of its own; what is deleted
 reading/   two readers, each a thread with a connection of its own; queries
 database/  tables, and connections to SQLite or PostgreSQL
+forecast   for how long events are kept
 """
+
+from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError
+from beamtouch_service.record.database.tables import COMMISSIONINGS
+from beamtouch_service.record.events.event import Begin, Contradiction, End, Event, EventKind
+from beamtouch_service.record.forecast import describe_kept_days
+from beamtouch_service.record.reading.queries import (
+    EventKey,
+    find_best_samples,
+    find_events,
+    get_recorded_event,
+    read_best_samples,
+    read_events,
+)
+from beamtouch_service.record.reading.readers import MAX_ANSWERS, Reader, TooManyReadersError
+from beamtouch_service.record.recorder import Recorder
+from beamtouch_service.record.writing.transactions import Due, Transactions
+
+__all__ = [
+    "COMMISSIONINGS", "MAX_ANSWERS", "Begin", "Contradiction", "Due", "End", "Event", "EventKey", "EventKind", "Reader",
+    "RecordAwayError", "RecordUnusableError", "Recorder", "TooManyReadersError", "Transactions", "describe_kept_days",
+    "find_best_samples", "find_events", "get_recorded_event", "read_best_samples", "read_events",
+]  # fmt: skip

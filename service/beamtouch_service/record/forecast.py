@@ -44,7 +44,7 @@ def pace_of(path: Path) -> Pace | None:
     return Pace((pages - free) * size / count, (last_us - first_us) / 1e6 / count)
 
 
-def describe(events: EventsSection) -> tuple[dict[str, float], list[str]]:
+def describe_kept_days(events: EventsSection) -> tuple[dict[str, float], list[str]]:
     """Return for how many days events are kept, and that in words: at a contact each 2 s, and at the record's pace."""
     own = pace_of(events.file) if events.file else None
     busy = Pace(EVENT_BYTES, EVERY_S)

@@ -1,5 +1,6 @@
 """Clients that read the record: a bounded number at a time, and none of them holds up an answer."""
 
+import signal
 import socket
 import threading
 from pathlib import Path
@@ -10,21 +11,23 @@ import pytest
 from service.bench import PATIENT, batch_of, kind
 from service.event_story import RESTING, TOUCHING
 from service.process.conftest import Service, StartService
+from service.record_file import execute
 from support.running.waiting import wait_until
 
 WAITS = """
 import time
 from pathlib import Path
-from beamtouch_service.record.reading import queries, readers
+from beamtouch_service.api import events
+from beamtouch_service.record.reading import readers
 readers.MAX_ANSWERS, readers.SLOT_S, readers.QUERY_S = 2, 0.1, 600.0
-find = queries.find_events
+find = events.find_events
 def wait(reader, **how):
     with open("begun", "a") as begun:
         begun.write("x")
     while not Path("go").exists():
         time.sleep(0.01)
     return find(reader, **how)
-queries.find_events = wait
+events.find_events = wait
 """
 """Readers take as long as the test says, and there is room for two answers."""
 
@@ -86,3 +89,30 @@ def test_a_client_that_takes_nothing_keeps_its_slot_only_until_it_leaves(service
     connections.pop().close()
     wait_until(lambda: service.get("/events/1").is_success)
     connections.pop().close()
+
+
+@pytest.mark.promise("docs/reference/events.md", "If the record goes away meanwhile, the answer breaks off")
+def test_an_answer_whose_end_cannot_be_read_breaks_off(service: Service, tmp_path: Path) -> None:
+    (tmp_path / "go").touch()
+    rows = [RESTING, *[TOUCHING, RESTING] * 60]
+    expected = 4
+    while expected <= len(rows):
+        part = batch_of(*rows[expected - 1 :][:100], sequence=expected)
+        expected = service.post(part | {"backlog": True, "newest_age_ms": None, "oldest": 1}).json()["expected"]
+    wait_until(lambda: durable(service) == len(rows))
+    whole = service.get("/events?path=true")
+    assert len(whole.json()["events"]) == 50
+    execute(tmp_path / "events.db", "UPDATE events SET path = substr(path, 2) WHERE id = 11")
+    received = b""
+    with httpx2.stream("GET", f"http://127.0.0.1:{service.port}/events?path=true", timeout=60) as answer:
+        assert answer.is_success
+        with pytest.raises(httpx2.RemoteProtocolError):  # noqa: PT012
+            for part in answer.iter_raw():
+                received += part
+    assert 0 < len(received) < len(whole.content)
+    assert whole.content.startswith(received)
+    assert service.get("/events/11").status_code == 503
+    assert service.get("/contact").json()["state"] == "clear"
+    _, errors = service.stop(signal.SIGTERM)
+    assert errors.count("an answer from the record broke off: a row cannot be read") == 1
+    assert "Traceback" not in errors

@@ -12,8 +12,7 @@ from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, WINDOW, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
 from beamtouch_service.outputs.mqtt.section import MqttSection
-from beamtouch_service.record.database.errors import RecordAwayError
-from beamtouch_service.record.writing.transactions import Due, Transactions
+from beamtouch_service.record import Due, RecordAwayError, Transactions
 
 RETRY_S = 1.0
 """Pause before the same events are sent again, or read again."""

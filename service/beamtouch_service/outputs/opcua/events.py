@@ -9,9 +9,7 @@ from asyncua import Server, ua
 from asyncua.server.event_generator import EventGenerator
 
 from beamtouch_service.api import events as event_answers
-from beamtouch_service.record.database.errors import RecordAwayError
-from beamtouch_service.record.recorder import Recorder
-from beamtouch_service.record.writing.transactions import Due, Transactions
+from beamtouch_service.record import Due, RecordAwayError, Recorder, Transactions
 
 RETRY_S = 1.0
 """Pause before the record is read again, after it was away."""

@@ -1,10 +1,14 @@
-"""Queries for the readers of the record."""
+"""Queries for the readers of the record.
+
+What may be large is read in two steps: the keys of its events, and then its content, a few events at a time.
+"""
 
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Row, Select, null, select, true, tuple_
+from sqlalchemy import ColumnElement, Row, Select, null, select, true, tuple_
 
 from beamtouch_service.record.database.tables import CONTENT, EVENTS, WITHOUT_PATH, event_of
 from beamtouch_service.record.events.best import Best
@@ -12,6 +16,10 @@ from beamtouch_service.record.events.event import Event, EventKind, Numbered
 from beamtouch_service.record.events.times import latest_us
 from beamtouch_service.record.reading.readers import Reader
 
+AT_ONCE, AT_ONCE_WITH_PATH = 64, 8
+"""Events that are read at a time: those with a path are some ten times as large."""
+EventKey = Row[*tuple[Any, ...]]
+"""`touched_us` and `id` of an event: its place in the order of touches."""
 _c = EVENTS.c
 
 
@@ -33,25 +41,32 @@ def find_events(
     until_us: int | None = None,
     after: tuple[int, int] | None = None,
     limit: int = 100,
-    path: bool = True,
-) -> list[Numbered]:
+) -> list[EventKey]:
     """Return at most `limit` events of a surface and a kind, newest touch first; those of a clock ahead come last.
 
     Parameters
     ----------
     since_us, until_us : earliest touch, and the time that it is before [us since 1970]
     after : touch time and id of the last event that was read
+    """
+    of_surface = true() if surface is None else _c.surface == surface
+    of_kind = true() if kind is None else _c.kind == kind
+    return _find_newest(reader, of_surface & of_kind, since_us, until_us, limit, after)
+
+
+def read_events(reader: Reader, keys: Sequence[EventKey], *, path: bool) -> Iterator[list[Numbered]]:
+    """Give the events of these keys, some at a time, in their order; those that were deleted meanwhile are left out.
+
+    Parameters
+    ----------
     path : whether to read paths and captures too; they are by far the largest part of an event
     """
     query = select(_c.id, *(CONTENT if path else WITHOUT_PATH))
-    if surface is not None:
-        query = query.where(_c.surface == surface)
-    if kind is not None:
-        query = query.where(_c.kind == kind)
-    return [event_of(row) for row in _newest(reader, query, since_us, until_us, limit, after)]
+    for rows in _read(reader, query, keys, AT_ONCE_WITH_PATH if path else AT_ONCE):
+        yield [event_of(row) for row in rows]
 
 
-def get_event(reader: Reader, number: int) -> Event | None:
+def get_recorded_event(reader: Reader, number: int) -> Event | None:
     """Return the event of that id; None if there is none."""
     rows = reader.rows(select(_c.id, *CONTENT).where(_c.id == number))
     return event_of(rows[0])[1] if rows else None
@@ -59,26 +74,42 @@ def get_event(reader: Reader, number: int) -> Event | None:
 
 def find_best_samples(
     reader: Reader, surface: str, since_us: int | None, until_us: int | None, limit: int
-) -> list[Sampled]:
+) -> list[EventKey]:
     """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
     is_contact = _c.best["is_contact"].as_boolean()
-    query = select(_c.id, _c.model, _c.best).where(_c.surface == surface, _c.best.is_not(null()), is_contact)
-    rows = _newest(reader, query, since_us, until_us, limit)
-    return [Sampled(row.id, row.model, Best.read(row.best)) for row in reversed(rows)]
+    condition = (_c.surface == surface) & _c.best.is_not(null()) & is_contact
+    return _find_newest(reader, condition, since_us, until_us, limit)[::-1]
 
 
-def _newest(
+def read_best_samples(reader: Reader, keys: Sequence[EventKey]) -> Iterator[list[Sampled]]:
+    """Give the best samples of the events of these keys, as `read_events` gives those."""
+    for rows in _read(reader, select(_c.id, _c.model, _c.best), keys, AT_ONCE):
+        yield [Sampled(row.id, row.model, Best.read(row.best)) for row in rows]
+
+
+def _read(
+    reader: Reader, query: Select[Any], keys: Sequence[EventKey], at_once: int
+) -> Iterator[list[Row[*tuple[Any, ...]]]]:
+    """Give the rows of these keys, some at a time. No transaction is open between two of them."""
+    for first in range(0, len(keys), at_once):
+        numbers = [key.id for key in keys[first : first + at_once]]
+        rows = {row.id: row for row in reader.rows(query.where(_c.id.in_(numbers)))}
+        yield [rows[number] for number in numbers if number in rows]
+
+
+def _find_newest(
     reader: Reader,
-    query: Select[Any],
+    condition: ColumnElement[bool],
     since_us: int | None,
     until_us: int | None,
     limit: int,
     after: tuple[int, int] | None = None,
-) -> list[Row[*tuple[Any, ...]]]:
-    """Return the newest rows of a query in a span of time, newest touch first; those of a clock ahead come last.
+) -> list[EventKey]:
+    """Return the newest events that fulfil a condition in a span of time, newest touch first.
 
-    On top they would hide all others for years.
+    Those of a clock ahead come last: on top they would hide all others for years.
     """
+    query = select(_c.touched_us, _c.id).where(condition)
     if since_us is not None:
         query = query.where(_c.touched_us >= since_us)
     if until_us is not None:
@@ -89,8 +120,8 @@ def _newest(
     parts = [query.where(_c.touched_us <= ahead_us, following), query.where(_c.touched_us > ahead_us)]
     if after and after[0] > ahead_us:
         parts = [parts[1].where(following)]
-    rows: list[Row[*tuple[Any, ...]]] = []
+    keys: list[EventKey] = []
     for part in parts:
-        if len(rows) < limit:
-            rows += reader.rows(part.limit(limit - len(rows)))
-    return rows
+        if len(keys) < limit:
+            keys += reader.rows(part.limit(limit - len(keys)))
+    return keys

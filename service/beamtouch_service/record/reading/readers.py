@@ -6,7 +6,7 @@ fraction of a millisecond at a time, and rests for several times as long.
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
 from select import select
 from typing import Any, TypeVar
@@ -18,7 +18,7 @@ from beamtouch_service.record.database.connections import READERS, Database
 from beamtouch_service.record.database.errors import RecordAwayError
 
 MAX_ANSWERS = 32
-"""Answers from the record that may be under way: waiting for a thread, being read, or being sent. Each may be a MB."""
+"""Answers from the record that may be under way: waiting for a thread, being read, or being sent."""
 SLOT_S = 1.0
 """A request waits this long for a slot among them. A client that asks again at once is so slowed down, too."""
 QUERY_S = 15.0
@@ -41,7 +41,7 @@ class Reader:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._begin_s = time.thread_time()
+        self.begin()
 
     def rows(self, statement: Select[Any]) -> list[Row[*tuple[Any, ...]]]:
         """Return the rows of a statement; raises RecordAwayError."""
@@ -52,12 +52,16 @@ class Reader:
                 self.rest()
         return rows
 
+    def begin(self) -> None:
+        """Begin to work, in this thread."""
+        self._begin_s = time.thread_time()
+
     def rest(self) -> None:
         """Leave the interpreter to others for a while if it is time; call this after each row that was worked on."""
         worked_s = time.thread_time() - self._begin_s
         if worked_s >= _WORK_S:
             select([], [], [], _REST * worked_s)
-            self._begin_s = time.thread_time()
+            self.begin()
 
 
 class Readers:
@@ -83,9 +87,27 @@ class Readers:
 
     async def read(self, query: Callable[[Reader], _T]) -> _T:
         """Return the answer to a query of what is durable; raises RecordAwayError."""
+        return await self._run(lambda: query(Reader(self._database)))
+
+    async def read_parts(self, query: Callable[[Reader], Iterator[_T]]) -> AsyncIterator[_T]:
+        """Give an answer in parts, each made once the one before it is taken; raises RecordAwayError.
+
+        Meanwhile the threads make parts of others.
+        """
+        reader = Reader(self._database)
+        parts = query(reader)
+
+        def make_next() -> _T | None:
+            reader.begin()
+            return next(parts, None)
+
+        while (part := await self._run(make_next)) is not None:
+            yield part
+
+    async def _run(self, call: Callable[[], _T]) -> _T:
         try:
             async with asyncio.timeout(QUERY_S):
-                return await self._threads.run(lambda: query(Reader(self._database)))
+                return await self._threads.run(call)
         except TimeoutError:
             raise RecordAwayError(f"it has not answered for {QUERY_S:g} s") from None
 
