@@ -107,8 +107,8 @@ def test_an_answer_whose_end_cannot_be_read_breaks_off(service: Service, tmp_pat
     with httpx2.stream("GET", f"http://127.0.0.1:{service.port}/events?path=true", timeout=60) as answer:
         assert answer.is_success
         with pytest.raises(httpx2.RemoteProtocolError):  # noqa: PT012
-            for part in answer.iter_raw():
-                received += part
+            for piece in answer.iter_raw():
+                received += piece
     assert 0 < len(received) < len(whole.content)
     assert whole.content.startswith(received)
     assert service.get("/events/11").status_code == 503
