@@ -7,7 +7,7 @@ from fastapi import Depends
 from starlette.responses import StreamingResponse
 from starlette.types import Send
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.record import Reader, RecordAwayError
 
