@@ -5,6 +5,7 @@ import logging
 import pkgutil
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -13,9 +14,12 @@ from beamtouch_daemon import cli
 from beamtouch_daemon.sources.frame_words import describe_received, describe_request, in_hex
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_frames import encode
+from support.surfaces import configs
 
-from .devices import Fault, NumberingUnit, Pieces, no_echo, no_fault, rtu_units, with_crc
+from .devices import Fault, NumberingUnit, Pieces, no_echo, no_fault, pymodbus_server, rtu_units, with_crc
 from .lines import terminal
+from .process import started
+from .service import Service, serving
 from .sessions import source_in, take_across_sessions
 
 pytestmark = pytest.mark.anyio
@@ -52,16 +56,44 @@ async def test_each_request_and_answer_of_a_bus_is_logged_in_hexadecimal(caplog:
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        (lambda _number, _frame: [], "ms: not a byte came; no intact frame has come since the port was opened"),
+        (
+            lambda _number, _frame: [],
+            "ms: not a byte came; no intact frame has come since the port was opened; check supply, A and B, baud, "
+            "parity and the number of the unit: with the daemon stopped, `beamtouch-daemon scan PORT` tries the last",
+        ),
         (lambda number, frame: [(0.0, frame)] if number < 9 else [], "not a byte came; the last intact frame came 0."),
-        (lambda _number, frame: [(0.08, frame)], "before a request 9 bytes came (01 04 04"),
+        (lambda number, frame: [(0.0, frame)] if number < 9 else [], "unit 1 has answered before: check its supply"),
+        (lambda _number, _frame: [(0.0, b"\0"), (0.01, b"\0\xff")], "only 00 and ff: A and B swapped, or no bias"),
+        (lambda _number, frame: [(0.0, b"\xff" + frame)], "1 byte came before it (ff): stray bytes: noise, no bias"),
+        (lambda _number, frame: [(0.0, frame + b"\xfe")], "1 byte came after it (fe): stray bytes: noise, no bias"),
+        (
+            lambda _number, frame: [(0.0, frame + frame)],
+            "a second answer of unit 1 to one request: two units with this",
+        ),
+        (lambda _number, frame: [(0.0, frame), (0.01, frame)], "a second answer of unit 1 to one request: two units"),
+        (lambda _number, frame: [(0.08, frame)], "the late answer of unit 1 to the request before, within "),
         (lambda _number, frame: [(0.0, frame[:-3])], "which breaks off after 6 of 9 bytes"),
         (lambda _number, frame: [(0.0, frame[:-1] + bytes([frame[-1] ^ 1]))], "with a wrong checksum"),
         (lambda _number, frame: [(0.0, with_crc(b"\5" + frame[1:-2]))], "an intact answer of unit 5"),
         (lambda _number, _frame: [(0.0, bytes([0x00, 0xF8, 0x80, 0x00, 0x78]))], "no Modbus frame: another baud rate"),
         (lambda _number, _frame: [(0.0, b"login: raspberry")], "text: 'login: raspberry'"),
     ],
-    ids=["silent", "gone", "late", "cut off", "damaged", "another unit", "another baud rate", "a console"],
+    ids=[
+        "silent",
+        "gone",
+        "answered before",
+        "A and B swapped",
+        "noise before",
+        "noise after",
+        "two units at once",
+        "two units one after the other",
+        "late",
+        "cut off",
+        "damaged",
+        "another unit",
+        "another baud rate",
+        "a console",
+    ],
 )
 async def test_a_bad_line_is_named_by_what_came_instead(
     fault: Fault, words: str, caplog: pytest.LogCaptureFixture
@@ -72,6 +104,27 @@ async def test_a_bad_line_is_named_by_what_came_instead(
 async def test_an_echo_without_an_answer_is_told_from_an_answer(caplog: pytest.LogCaptureFixture) -> None:
     lines = await lines_of(no_fault, caplog, units=2, echo=lambda request: [(0.0, request)])
     assert [line for line in lines if "the request itself, which an adapter echoes; no intact frame" in line]
+    assert [line for line in lines if "; check supply, A and B, baud, parity and the number of the unit" in line]
+
+
+async def test_an_echo_before_each_answer_is_named(caplog: pytest.LogCaptureFixture) -> None:
+    lines = await lines_of(no_fault, caplog, echo=lambda request: [(0.0, request)])
+    assert [line for line in lines if line.endswith("; the adapter echoes requests")]
+
+
+async def test_a_unit_that_is_silent_beside_one_that_answers_has_another_number_or_no_supply(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.DEBUG, SOURCES)
+    with terminal() as line:
+        async with rtu_units(line, {2: NumberingUnit()}):
+            table = f'kind = "modbus-rtu"\nport = "{line.path}"\ntimeout_ms = 50\nunit = 1'
+            source = source_in({}, table, ["register = 0", "register = 0\nunit = 2"], 50.0)
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(1.0):
+                    await take_across_sessions(source, 1_000)
+    words = "other units answer, so the line works: check the number of unit 1, its supply and its cable"
+    assert [record for record in caplog.records if record.getMessage().endswith(words)]
 
 
 async def test_a_refusal_is_logged_with_its_meaning(caplog: pytest.LogCaptureFixture) -> None:
@@ -102,6 +155,7 @@ async def test_nothing_of_a_line_is_logged_unless_it_is_asked_for(caplog: pytest
         (b"\0" + ANSWER[:6], "the beginning of an answer of unit 1, which breaks off after 6 of 9 bytes"),
         (b"\1", "1 byte came (01): too few bytes to tell"),
         (b"\0\xff", "2 bytes came (00 ff): too few bytes to tell"),
+        (b"\0", "1 byte came (00): only 00 and ff: A and B swapped"),
         (ANSWER[:2], "2 bytes came (01 04): too few bytes to tell"),
         (b"\xff" + ANSWER[:2], "the beginning of an answer of unit 1, which breaks off after 2 of 5 bytes"),
         (ANSWER[:3], "the beginning of an answer of unit 1, which breaks off after 3 of 9 bytes"),
@@ -136,6 +190,20 @@ def test_a_request_says_what_it_asks_for(block: Block, words: str) -> None:
 def test_a_long_frame_is_shown_to_its_64th_byte() -> None:
     assert in_hex(bytes(64)) == " ".join(["00"] * 64)
     assert in_hex(bytes(65)) == f"{in_hex(bytes(64))} and 1 bytes more"
+
+
+async def test_each_batch_is_logged_with_its_outcome(tmp_path: Path) -> None:
+    async with serving(Service()) as service, pymodbus_server([21_000, 20_000]) as device:
+        service.statuses = [503, 200]
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(device)), url=service.url)
+        async with started("run", config, "--log-level", "delivery=debug") as daemon:
+            await service.until(20)
+            outcome = await daemon.stop()
+    lines = [line.partition(" DEBUG ")[2] for line in outcome.err.splitlines()]
+    boot = service.batches[0][1].boot_id
+    assert [line for line in lines if line.startswith(f"bench: live batch of boot {boot}, samples 1 to ")]
+    assert [line for line in lines if line.endswith(": later: status 503")]
+    assert [line for line in lines if ": taken: accepted=" in line and " expected=" in line]
 
 
 def test_levels_can_be_set_for_the_parts_that_write_lines() -> None:

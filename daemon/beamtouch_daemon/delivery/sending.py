@@ -20,7 +20,9 @@ async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batc
         boot.pace.unanswered(len(batch.samples), monotonic() - begin_s)
         advice = f"{error.advice}; " if error.advice else ""
         logs.fault.failed(f"no answer from {client.url} ({error}); {advice}trying again")
+        _debug_outcome(logs, batch, f"no answer: {error}")
         return None
+    _debug_outcome(logs, batch, answer)
     if answer.receipt is not None:
         now_s = monotonic()
         boot.pace.answered(len(batch.samples), now_s - begin_s, now_s, is_backlog=batch.backlog)
@@ -37,6 +39,18 @@ async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batc
         boot.pace.unanswered(len(batch.samples), monotonic() - begin_s)
         logs.fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
     return answer
+
+
+def _debug_outcome(logs: SurfaceLogs, batch: Batch, outcome: Answer | str) -> None:
+    """Write to the debug log what a request brought, and what became of it."""
+    if _logger.isEnabledFor(logging.DEBUG):
+        numbers = [sample.sequence for sample in batch.samples]
+        samples = f"samples {numbers[0]} to {numbers[-1]}" if numbers else "no samples"
+        if isinstance(outcome, Answer):
+            receipt = outcome.receipt
+            outcome = f"{outcome.verdict.value}: {outcome.explanation}" if receipt is None else f"taken: {receipt}"
+        kind = "backlog" if batch.backlog else "live"
+        _logger.debug("%s: %s batch of boot %s, %s: %s", logs.name, kind, batch.boot_id, samples, outcome)
 
 
 def _note_pace(logs: SurfaceLogs, boot: Boot) -> None:

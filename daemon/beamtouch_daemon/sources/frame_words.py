@@ -1,10 +1,11 @@
 """Names the bytes of a Modbus line, for the debug log. Pure."""
 
 from itertools import pairwise
+from typing import NamedTuple
 
 from pymodbus.framer import FramerRTU
 
-from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.registers import Block, answer_to
 from beamtouch_daemon.sources.rtu_frames import READ_FUNCTIONS, answers_of
 from beamtouch_daemon.sources.traffic import text_of
 
@@ -15,10 +16,23 @@ REFUSAL_BYTES, REQUEST_BYTES, SHORTEST_BYTES = 5, 8, 4
 FEW_BYTES = 2
 """So few bytes can be anything."""
 _CONTENTS = {1: "coil", 2: "discrete input"}
+_STRAY = "noise, no bias or termination, or a transmitter that is switched too late"
+_NO_LEVEL = "only 00 and ff: A and B swapped, or no bias or termination, so that the line has no level between frames"
 _NO_FRAME = (
-    "no Modbus frame: another baud rate or parity, A and B swapped, no termination or bias, or a device of another "
-    "protocol"
+    "no Modbus frame: another baud rate or parity, a device of another protocol, no termination or bias, or A and B "
+    "swapped"
 )
+
+
+class Request(NamedTuple):
+    """A request that was sent before the bytes came that are to be named."""
+
+    address: int
+    block: Block
+    sent_s: float
+    """By the clock of `uptime_s`."""
+    is_answered: bool
+    """True if an answer came in time."""
 
 
 def in_hex(data: bytes) -> str:
@@ -34,7 +48,29 @@ def describe_request(address: int, block: Block, request: bytes) -> str:
     return f"unit {address} asked for {places} by function {block.function} ({in_hex(request)})"
 
 
-def describe_received(came: bytes, request: bytes = b"", address: int | None = None) -> str:
+def describe_silence(path: str, address: int, *, has_answered: bool, others_answer: bool) -> str:
+    """Return what to check where nothing came that answers a unit on the port `path`.
+
+    Parameters
+    ----------
+    path : Of the port.
+    address : The unit that was asked.
+    has_answered : True if it has answered since the port was opened.
+    others_answer : True if other units have.
+    """
+    if has_answered:
+        return f"unit {address} has answered before: check its supply and its cable, or raise timeout_ms"
+    if others_answer:
+        return f"other units answer, so the line works: check the number of unit {address}, its supply and its cable"
+    return (
+        "check supply, A and B, baud, parity and the number of the unit: with the daemon stopped, "
+        f"`beamtouch-daemon scan {path}` tries the last three"
+    )
+
+
+def describe_received(
+    came: bytes, request: bytes = b"", address: int | None = None, earlier: Request | None = None, now_s: float = 0.0
+) -> str:
     """Return what bytes are that came while a unit was asked, or before that, and that do not answer the request.
 
     Parameters
@@ -42,18 +78,69 @@ def describe_received(came: bytes, request: bytes = b"", address: int | None = N
     came : All that came, with an echo of the request.
     request : The frame that was sent before them; empty if none was.
     address : The unit that was asked; None if none was.
+    earlier : The request before that; None if there was none.
+    now_s : The time by which they had come, by the clock of `uptime_s`.
     """
     if not came:
         return "not a byte came"
     others = came.replace(request, b"") if request else came
     kinds = ["the request itself, which an adapter echoes"] if others != came else []
-    if 0 < len(others) <= FEW_BYTES:
-        kinds.append("too few bytes to tell what they are")
+    if others and not others.strip(b"\0\xff" if len(others) > FEW_BYTES else b"\0"):
+        kinds.append(_NO_LEVEL)
+    elif 0 < len(others) <= FEW_BYTES:
+        kinds.append(f"too few bytes to tell what they are: {_STRAY}")
     elif others and request.startswith(others):
         kinds.append("a part of the request itself, which an adapter echoes")
     elif others:
-        kinds.append(_kind_of(others, address))
-    return f"{len(came)} byte{'s' * (len(came) > 1)} came ({in_hex(came)}): {', then '.join(kinds)}"
+        kinds.append(_describe_earlier(others, earlier, now_s) or _kind_of(others, address))
+    return f"{_count(came)} came ({in_hex(came)}): {', then '.join(kinds)}"
+
+
+def describe_beside(
+    before: bytes, after: bytes, address: int, block: Block, earlier: Request | None, now_s: float, *, is_echoed: bool
+) -> str:
+    """Return what came beside an answer; empty if nothing did.
+
+    Parameters
+    ----------
+    before, after : The bytes around the answer, without an echo of the request.
+    address, block : The request that was answered.
+    earlier : The request before it; None if there was none.
+    now_s : The time by which they had come, by the clock of `uptime_s`.
+    is_echoed : True if the request itself came, too.
+    """
+    remarks = ["the adapter echoes requests"] if is_echoed else []
+    if before:
+        kind = _describe_earlier(before, earlier, now_s) or _stray_or_other(before, address)
+        remarks.append(f"{_count(before)} came before it ({in_hex(before)}): {kind}")
+    if after:
+        kind = _describe_earlier(after, Request(address, block, now_s, True), now_s) or _stray_or_other(after, address)
+        remarks.append(f"{_count(after)} came after it ({in_hex(after)}): {kind}")
+    return "; ".join(remarks)
+
+
+def _stray_or_other(data: bytes, address: int) -> str:
+    return f"stray bytes: {_STRAY}" if len(data) <= FEW_BYTES else _kind_of(data, address)
+
+
+def _count(data: bytes) -> str:
+    return f"{len(data)} byte{'s' * (len(data) > 1)}"
+
+
+def _describe_earlier(data: bytes, earlier: Request | None, now_s: float) -> str:
+    """Return that bytes hold an answer to an earlier request; empty if they do not."""
+    if earlier is None or not any(answer_to(earlier.block, found) for _, found in answers_of(earlier.address, data)):
+        return ""
+    if earlier.is_answered:
+        return (
+            f"a second answer of unit {earlier.address} to one request: two units with this number, or an adapter "
+            "that repeats"
+        )
+    after_ms = (now_s - earlier.sent_s) * 1e3
+    return (
+        f"the late answer of unit {earlier.address} to the request before, within {after_ms:.0f} ms of it: raise "
+        "timeout_ms"
+    )
 
 
 def _kind_of(data: bytes, address: int | None) -> str:

@@ -12,7 +12,7 @@ BITS_PER_CHARACTER = 11
 MIN_SILENCE_S = 0.00175
 """Silence between frames: 3.5 characters, or this long above 19200 baud."""
 _FRAMER = FramerRTU(DECODER)
-_ENVELOPE_BYTES = 3
+ENVELOPE_BYTES = 3
 """Unit and checksum."""
 
 
@@ -36,4 +36,4 @@ def answers_of(address: int, received: bytes) -> Iterator[tuple[int, bytes]]:
         if received[begin] == address and received[begin + 1] & 0x7F in READ_FUNCTIONS:
             *_, data = _FRAMER.decode(received[begin:])
             if data:
-                yield begin + len(data) + _ENVELOPE_BYTES, data
+                yield begin + len(data) + ENVELOPE_BYTES, data

@@ -7,11 +7,18 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from beamtouch_common.uptime import uptime_s
-from beamtouch_daemon.sources.frame_words import describe_received, describe_request, in_hex
+from beamtouch_daemon.sources.frame_words import (
+    Request,
+    describe_beside,
+    describe_received,
+    describe_request,
+    describe_silence,
+    in_hex,
+)
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Answer, Block, answer_to
 from beamtouch_daemon.sources.requests import Failure, exception_words, insist
-from beamtouch_daemon.sources.rtu_frames import READ_FUNCTIONS, answers_of, encode
+from beamtouch_daemon.sources.rtu_frames import ENVELOPE_BYTES, READ_FUNCTIONS, answers_of, encode
 from beamtouch_daemon.sources.serial_port import SerialPort
 
 QUIET_S = (0.1, 0.5)
@@ -38,6 +45,10 @@ class RtuLine:
         self._lock = asyncio.Lock()
         """Held for one request and its answer."""
         self._free_s = 0.0
+        self._earlier: Request | None = None
+        """The last request that is over."""
+        self._answering = set[int]()
+        """The units that have answered."""
 
     async def exchange(self, address: int, block: Block, timeout_s: float) -> Answer:
         """Send a request to a unit; return its answer or refusal, NoAnswerError if neither comes intact in time."""
@@ -52,11 +63,14 @@ class RtuLine:
                     if answer := answer_to(block, data, asked_s):
                         self.port.traffic.note_frame(uptime_s())
                         self._take_unexpected(received[end:])
-                        self._debug_answer(address, block, request, came, answer)
+                        self._debug_answer(address, block, came, (end - len(data) - ENVELOPE_BYTES, end), answer)
+                        self._answering.add(address)
+                        self._earlier = Request(address, block, asked_s, is_answered=True)
                         return answer
+            self._note(received)
+            self._debug_silence(address, block, came, timeout_s)
+            self._earlier = Request(address, block, asked_s, is_answered=False)
         within = f"within {timeout_s * 1e3:.0f} ms"
-        self._note(received)
-        self._debug_silence(address, block, request, came, timeout_s)
         if any(answers_of(address, received)):
             raise NoAnswerError(f"unit {address} answers, but not {within}: its answers come late", Failure.LATE)
         if received:
@@ -76,28 +90,40 @@ class RtuLine:
 
     def _note(self, received: bytes) -> None:
         """Note what came beside the answers: frames of other units, or something else."""
-        if any(any(answers_of(address, received)) for address in set(received)):
+        senders = {address for address in received if any(answers_of(address, received))}
+        self._answering |= senders
+        if senders:
             self.port.traffic.note_frame(uptime_s())
         else:
             self.port.traffic.note_other(received)
 
-    def _debug_answer(self, address: int, block: Block, request: bytes, came: bytes, answer: Answer) -> None:
-        """Write an answer to the debug log, with all that came with it."""
+    def _debug_answer(self, address: int, block: Block, came: bytes, place: tuple[int, int], answer: Answer) -> None:
+        """Write an answer to the debug log, and what came beside it; without echo, it begins and ends at `place`."""
         if _logger.isEnabledFor(logging.DEBUG):
-            asked, meaning = describe_request(address, block, request), ""
-            if answer.exception:
-                meaning = f"; {exception_words(answer.exception)}"
-            took_ms = (uptime_s() - answer.asked_s) * 1e3
+            now_s, request, (begin, end) = uptime_s(), encode(address, block), place
+            received = came.replace(request, b"")
+            remarks = [exception_words(answer.exception)] if answer.exception else []
+            beside = describe_beside(
+                received[:begin], received[end:], address, block, self._earlier, now_s, is_echoed=received != came
+            )
+            asked, remarks = describe_request(address, block, request), [*remarks, *([beside] if beside else [])]
             words = "%s: %s; answered after %.1f ms (%s)%s"
-            _logger.debug(words, self.port.path, asked, took_ms, in_hex(came), meaning)
+            took_ms, remark = (now_s - answer.asked_s) * 1e3, "".join(f"; {remark}" for remark in remarks)
+            _logger.debug(words, self.port.path, asked, took_ms, in_hex(came), remark)
 
-    def _debug_silence(self, address: int, block: Block, request: bytes, came: bytes, timeout_s: float) -> None:
-        """Write to the debug log that no answer came, and what came instead."""
+    def _debug_silence(self, address: int, block: Block, came: bytes, timeout_s: float) -> None:
+        """Write to the debug log that no answer came, what came instead, and what to check."""
         if _logger.isEnabledFor(logging.DEBUG):
-            asked, instead = describe_request(address, block, request), describe_received(came, request, address)
-            last = self.port.traffic.describe_last_frame(uptime_s())
-            words = "%s: %s; no answer within %.0f ms: %s; %s"
-            _logger.debug(words, self.port.path, asked, timeout_s * 1e3, instead, last)
+            now_s, request, path = uptime_s(), encode(address, block), self.port.path
+            instead = describe_received(came, request, address, self._earlier, now_s)
+            remark = ""
+            if not came.replace(request, b""):
+                has_answered, others = address in self._answering, bool(self._answering - {address})
+                advice = describe_silence(path, address, has_answered=has_answered, others_answer=others)
+                remark = f"; {advice}"
+            last, asked = self.port.traffic.describe_last_frame(now_s), describe_request(address, block, request)
+            words = "%s: %s; no answer within %.0f ms: %s; %s%s"
+            _logger.debug(words, path, asked, timeout_s * 1e3, instead, last, remark)
 
     @asynccontextmanager
     async def _held(self) -> AsyncIterator[bytes]:
@@ -106,7 +132,8 @@ class RtuLine:
             await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
             unexpected = self.port.take()
             if unexpected and _logger.isEnabledFor(logging.DEBUG):
-                _logger.debug("%s: before a request %s", self.port.path, describe_received(unexpected))
+                words = describe_received(unexpected, earlier=self._earlier, now_s=self.port.taken_s)
+                _logger.debug("%s: before a request %s", self.port.path, words)
             self._note(unexpected)
             self._take_unexpected(unexpected)
             try:
