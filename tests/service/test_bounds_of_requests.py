@@ -9,9 +9,10 @@ from beamtouch_service.access import Access, Role
 from beamtouch_service.api.context import Streams
 from beamtouch_service.api.errors import pointer
 from beamtouch_service.api.samples import MAX_BODY_BYTES, _peer, decompress
-from beamtouch_service.api.stream import Pace
 from beamtouch_service.problems import Kind, ProblemError
-from service.bench import READ_TOKEN, TOKEN, Bench, batch_of, surface_with
+from beamtouch_service.surfaces.pace import Pace
+from service.bench import READ_TOKEN, TOKEN, Bench, batch_of, parsed, surface_with
+from service.event_story import TOUCHING
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ def test_a_number_of_the_record_has_bounds(bench: Bench, path: str, is_taken: bo
 
 @pytest.mark.parametrize(("interval_ms", "is_taken"), [(20, True), (5000, True), (19, False), (5001, False)])
 def test_the_time_between_two_events_of_a_stream_has_bounds(bench: Bench, interval_ms: int, is_taken: bool) -> None:
-    bench.app.context.streams.stop.set()  # a stream that is taken would not end
+    bench.app.context.streams.stop()  # a stream that is taken would not end
     for path in ("/stream", "/surfaces/press-7/stream"):
         kind = bench.problem(f"{path}?interval_ms={interval_ms}")
         assert kind == ("stopping" if is_taken else "invalid-request")
@@ -186,17 +187,32 @@ def test_so_many_streams_may_be_open_and_none_once_the_service_stops() -> None:
     assert (caught.value.problem.kind, caught.value.headers) == (Kind.TOO_MANY_CLIENTS, {"Retry-After": "5"})
     assert caught.value.problem.detail.startswith("2 streams are open, which is the limit.")
     streams.open = 1
-    streams.stop.set()
+    streams.stop()
     with pytest.raises(ProblemError) as caught:
         streams.admit()
     assert (caught.value.problem.kind, streams.open) == (Kind.STOPPING, 1)
 
 
-def test_a_stream_says_again_after_a_second_what_has_not_changed(bench: Bench) -> None:
+def test_a_stream_says_again_within_a_second_what_has_not_changed(bench: Bench) -> None:
     (surface,) = bench.app.context.registry
-    pace = Pace()
-    said = [pace.next(surface, now_s) is not None for now_s in (1000.0, 1000.999, 1001.0, 1001.999, 1002.0)]
+    pace = Pace([surface], 0.05, tells_status_at_once=False)
+    said = list[bool]()
+    for now_s in (1000.0, 1000.899, 1000.901, 1001.8, 1001.802):
+        said.append(pace.due(now_s) == [surface])
+        pace.note_told(pace.due(now_s), now_s)
     assert said == [True, False, True, False, True]
+
+
+def test_nothing_is_said_more_often_than_a_client_of_a_stream_asks_for(bench: Bench) -> None:
+    """Not even another state: a client on a thin line asks for five seconds."""
+    (surface,) = bench.app.context.registry
+    pace = Pace([surface], 5.0, tells_status_at_once=False)
+    pace.note_told([surface], 1000.0)
+    surface.receive(parsed(TOUCHING), 1000.1)
+    assert not pace.has_news(surface, 1000.1)
+    assert (pace.due(1000.1), pace.due(1004.9)) == ([], [])
+    assert 1000.1 + pace.wait_s(1000.1) == pytest.approx(1005.0)
+    assert pace.due(1005.0) == [surface]
 
 
 STRANGER = "This is not a token of the service. Check its token files."

@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 
 from beamtouch_service.access import Access
-from beamtouch_service.outputs.mqtt.connection import BrokerError
 from beamtouch_service.outputs.mqtt.contacts import ContactSender
+from beamtouch_service.outputs.mqtt.failures import BrokerError
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
-from beamtouch_service.outputs.mqtt.pace import Pace
 from beamtouch_service.outputs.mqtt.publisher import make
 from beamtouch_service.outputs.mqtt.section import MqttSection
+from beamtouch_service.surfaces.pace import Pace
+from beamtouch_service.surfaces.watch import Watch
 from service.bench import Bench, parsed
 from service.event_story import TOUCHING
 
@@ -70,7 +71,8 @@ async def test_a_contact_that_became_too_old_while_the_broker_did_not_answer_is_
     surface.receive(parsed(TOUCHING), bench.now_s - age_s)
     counts = bench.app.context.counts
     sender = ContactSender(bench.app.context, Topics("b"), 10.0, counts.counter("sent", "Sent."))
+    watch = Watch([surface], Pace([surface], 0.1), bench.app.context.clock)
     broker = Broker(bench, after_s, answers=answers)
     with suppress(BrokerError):
-        await sender._confirm(broker, Pace([surface], 10.0))  # type: ignore[arg-type]
+        await sender._confirm(broker, watch)  # type: ignore[arg-type]
     assert counts.registry.get_sample_value("beamtouch_mqtt_contacts_dropped_total") == dropped

@@ -1,10 +1,10 @@
-"""When contacts are sent to the broker: the caller gives the time."""
+"""When listeners are told about surfaces: the caller gives the time."""
 
 from __future__ import annotations
 
 import pytest
 
-from beamtouch_service.outputs.mqtt.pace import ALIVE_S, Pace
+from beamtouch_service.surfaces.pace import ALIVE_S, Pace
 from service.bench import Row, parsed, surface_of
 from service.event_story import RESTING, TOUCHING
 
@@ -38,27 +38,27 @@ def press() -> Press:
     "Contacts per second and surface while the state does not change.",
 )
 def test_a_state_is_due_at_once_and_a_sample_in_it_at_its_turn(press: Press) -> None:
-    pace = Pace([press.surface], max_rate_hz=10)
+    pace = Pace([press.surface], turn_s=0.1)
     assert pace.due(100.0) == [press.surface]  # that there are no samples
-    pace.sent([press.surface], 100.0)
+    pace.note_told([press.surface], 100.0)
     assert pace.due(100.05) == []
 
     press.take(RESTING, 100.06)
     assert pace.has_news(press.surface, 100.06)
     assert pace.due(100.06) == [press.surface]
-    pace.sent([press.surface], 100.06)
+    pace.note_told([press.surface], 100.06)
     press.take(RESTING, 100.07)
     assert not pace.has_news(press.surface, 100.07)
     assert pace.due(100.07) == []
     assert 100.07 + pace.wait_s(100.07) == pytest.approx(100.1)
     assert pace.due(100.1) == [press.surface]
-    pace.sent([press.surface], 100.1)
+    pace.note_told([press.surface], 100.1)
 
     for at_s, row in ((100.11, TOUCHING), (100.12, RESTING), (100.13, TOUCHING)):
         press.take(row, at_s)
         assert pace.has_news(press.surface, at_s)
         assert pace.due(at_s) == [press.surface]
-        pace.sent([press.surface], at_s)
+        pace.note_told([press.surface], at_s)
         assert pace.due(at_s) == []
 
 
@@ -67,15 +67,15 @@ def test_a_state_is_due_at_once_and_a_sample_in_it_at_its_turn(press: Press) -> 
     "So a surface whose samples stop sends `urn:beamtouch:problem:stale` when its limit is over, and then each second.",
 )
 def test_a_surface_is_due_when_it_becomes_stale_and_then_each_second(press: Press) -> None:
-    pace = Pace([press.surface], max_rate_hz=1)
+    pace = Pace([press.surface], turn_s=1)
     press.take(TOUCHING, 10.0)
-    pace.sent([press.surface], 10.0)
+    pace.note_told([press.surface], 10.0)
     look_s = 10.0 + pace.wait_s(10.0)
     assert 10.5 < look_s < 10.51
     assert pace.due(10.5) == []
     assert pace.due(look_s) == [press.surface]
 
-    pace.sent([press.surface], look_s)
+    pace.note_told([press.surface], look_s)
     again_s = look_s + pace.wait_s(look_s)
     assert look_s + ALIVE_S <= again_s + 1e-9
     assert again_s - look_s < 1
@@ -85,9 +85,9 @@ def test_a_surface_is_due_when_it_becomes_stale_and_then_each_second(press: Pres
 @pytest.mark.promise("docs/how-to/mqtt.md", "and at least each second.")
 def test_the_same_sample_is_due_within_a_second(press: Press) -> None:
     press.surface.stale_ms = 60_000
-    pace = Pace([press.surface], max_rate_hz=20)
+    pace = Pace([press.surface], turn_s=0.05)
     press.take(TOUCHING, 10.0)
-    pace.sent([press.surface], 10.0)
+    pace.note_told([press.surface], 10.0)
     assert pace.due(10.5) == []
     assert 10.5 + pace.wait_s(10.5) == pytest.approx(10.0 + ALIVE_S)
     assert pace.due(10.0 + ALIVE_S) == [press.surface]
@@ -95,13 +95,13 @@ def test_the_same_sample_is_due_within_a_second(press: Press) -> None:
 
 def test_turns_are_common_to_all_surfaces(press: Press) -> None:
     other = Press("press-8")
-    pace = Pace([press.surface, other.surface], max_rate_hz=10)
+    pace = Pace([press.surface, other.surface], turn_s=0.1)
     press.take(RESTING, 1.0)
     other.take(RESTING, 1.0)
-    pace.sent(pace.due(1.0), 1.0)
+    pace.note_told(pace.due(1.0), 1.0)
     press.take(RESTING, 1.02)
     other.take(TOUCHING, 1.04)
     assert pace.due(1.04) == [other.surface]
-    pace.sent([other.surface], 1.04)
+    pace.note_told([other.surface], 1.04)
     other.take(TOUCHING, 1.05)
     assert pace.due(1.1) == [press.surface, other.surface]

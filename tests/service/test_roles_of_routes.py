@@ -64,7 +64,7 @@ def outcome(bench: Bench, method: str, path: str, token: str | None) -> str:
 
 def make_bench(token: str | None, read_token: str | None) -> Bench:
     bench = Bench(surface_of(), token=token, read_token=read_token)
-    bench.app.context.streams.stop.set()  # a stream ends at once then
+    bench.app.context.streams.stop()  # a stream ends at once then
     return bench
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from beamtouch_service.api.events import Event
 from beamtouch_service.api.samples import MAX_BODY_BYTES
-from beamtouch_service.api.stream import Pace
 from beamtouch_service.problems import MEDIA_TYPE, Kind
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.pace import Pace
 from service.bench import Bench, batch_of, kind, surface_of, surface_with
 from support.surfaces.small_model import model_of
 
@@ -139,8 +139,11 @@ def test_a_failure_inside_is_a_problem_without_its_traceback(bench: Bench, monke
 def test_a_stream_says_the_state_when_it_changes_and_each_second(bench: Bench) -> None:
     bench.send()
     (surface,) = bench.app.context.registry
-    pace = Pace()
-    said = [pace.next(surface, bench.now_s + since_s) is not None for since_s in (0.0, 0.1, 0.4, 0.6, 0.7, 1.7)]
+    pace, said = Pace([surface], 0.05, tells_status_at_once=False), list[bool]()
+    for now_s in (bench.now_s + since_s for since_s in (0.0, 0.1, 0.4, 0.6, 0.7, 1.7)):
+        due = pace.due(now_s)
+        pace.note_told(due, now_s)
+        said.append(bool(due))
     assert said == [True, False, False, True, False, True]  # at 0.6 s the contact is stale
 
 

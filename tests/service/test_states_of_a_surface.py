@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 
 from beamtouch_models.runtime import State
-from beamtouch_service.api.stream import Pace
+from beamtouch_service.api.stream import state_of
 from beamtouch_service.api.surfaces import summarize
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Quality
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.channels import ChannelHealth, SurfaceHealth
+from beamtouch_service.surfaces.pace import Pace
 from beamtouch_service.surfaces.registry import Registry
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.view import contact_of
@@ -26,7 +27,7 @@ OTHER = {"beam": "beam-2"}
 
 def told(surface: Surface, now_s: float = NOW_S) -> dict[str, Any]:
     """Return the state of a surface, as the first event of a stream has it."""
-    state: dict[str, Any] = json.loads(Pace().next(surface, now_s) or "")
+    state: dict[str, Any] = json.loads(json.dumps(state_of(surface.view(now_s))))
     return state
 
 
@@ -75,10 +76,13 @@ def test_a_state_has_the_contact_or_the_problem_with_the_scale_of_the_misfit() -
 
 
 def test_what_changes_by_time_alone_is_no_change() -> None:
-    surface, pace = surface_of(), Pace()
+    surface = surface_of()
+    pace = Pace([surface], 0.05, tells_status_at_once=False)
 
     def has_news(now_s: float) -> bool:
-        return pace.next(surface, now_s) is not None
+        due = pace.due(now_s)
+        pace.note_told(due, now_s)
+        return bool(due)
 
     surface.receive(parsed(TOUCHING), NOW_S)
     assert [has_news(NOW_S), has_news(NOW_S + 0.4)] == [True, False]

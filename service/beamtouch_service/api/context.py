@@ -1,7 +1,6 @@
 """The state that routes share: surfaces, clock, tokens, counts, and the keeper of events."""
 
 import logging
-from asyncio import Event
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -21,6 +20,7 @@ from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.record import Recorder
 from beamtouch_service.steps import Stepper
 from beamtouch_service.surfaces.freshness import StallDetector
+from beamtouch_service.surfaces.listeners import Listeners
 from beamtouch_service.surfaces.registry import Registry
 
 Clock = Callable[[], float]
@@ -32,13 +32,19 @@ class Streams:
     """The open streams of one service."""
 
     max_open: int = 32
-    stop: Event = field(default_factory=Event)
-    """Set when the service stops."""
     open: int = 0
+    is_stopping: bool = False
+    ends: Listeners[None] = field(default_factory=Listeners)
+    """Told when the service stops."""
+
+    def stop(self) -> None:
+        """End all streams, and admit no more."""
+        self.is_stopping = True
+        self.ends.tell(None)
 
     def admit(self) -> None:
         """Count one more stream; raises ProblemError if too many are open or the service stops."""
-        if self.stop.is_set():
+        if self.is_stopping:
             raise ProblemError(Problem(Kind.STOPPING, "Open the stream again once the service is back."))
         if self.open >= self.max_open:
             detail = f"{self.max_open} streams are open, which is the limit. Close one, or raise server.max_streams."

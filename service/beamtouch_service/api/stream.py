@@ -6,9 +6,7 @@ A client that takes nothing for some seconds is dropped by the system (`address.
 """
 
 import json
-from asyncio import wait_for
 from collections.abc import AsyncIterator
-from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import Query
@@ -19,13 +17,12 @@ from starlette.types import Receive, Scope, Send
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery
+from beamtouch_service.surfaces.pace import Pace
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.view import View, contact_of
+from beamtouch_service.surfaces.watch import Watch
 
 MEDIA_TYPE = "text/event-stream"
-_ALIVE_S = 1.0
-"""Without a change the state is sent this often, so that a client can tell a quiet surface from a dead connection."""
-
 _INTERVAL = "Shortest time between two events [ms]. An event is sent after a change, and at least every second."
 _Interval = Annotated[int, Query(ge=20, le=5000, description=_INTERVAL)]
 _RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -49,58 +46,33 @@ def state_of(view: View) -> dict[str, Any]:
     }
 
 
-def _essence_of(state: dict[str, Any]) -> dict[str, Any]:
-    """Return a state without the members that change by time alone."""
-    essence = state | {"age_ms": None}
-    for name in ("contact", "problem"):
-        if essence[name]:
-            # The detail of a stale contact contains its age.
-            essence[name] = {key: value for key, value in essence[name].items() if key not in ("age_ms", "detail")}
-    return essence
-
-
-class Pace:
-    """Chooses the events of a stream and their times. Pure: the caller gives the time."""
-
-    def __init__(self) -> None:
-        self._sent: dict[str, Any] | None = None
-        self._sent_s = 0.0
-
-    def next(self, surface: Surface, now_s: float) -> str | None:
-        """Return the data of the event to send at `now_s` [s, monotonic], or None if nothing changed."""
-        state = state_of(surface.view(now_s))
-        essence = _essence_of(state)
-        if essence == self._sent and now_s - self._sent_s < _ALIVE_S:
-            return None
-        self._sent, self._sent_s = essence, now_s
-        return json.dumps(state, allow_nan=False)
-
-
 class StateStream(StreamingResponse):
     """Sends the state of a surface until the client leaves or is dropped, or the service stops."""
 
     def __init__(self, context: Context, surface: Surface, interval_s: float) -> None:
         context.streams.admit()
-        self._streams = context.streams
+        self._context, self._surface = context, surface
+        pace = Pace([surface], interval_s, tells_status_at_once=False)
+        self._watch = Watch([surface], pace, context.clock)
         # nginx would collect the events otherwise.
         headers = {"X-Accel-Buffering": "no"}
-        super().__init__(self._events(context, surface, interval_s), headers=headers, media_type=MEDIA_TYPE)
+        super().__init__(self._events(), headers=headers, media_type=MEDIA_TYPE)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one client."""
+        streams, watch = self._context.streams, self._watch
         try:
-            await super().__call__(scope, receive, send)
+            with watch.listening(), streams.ends.told(lambda _: watch.wake()):
+                await super().__call__(scope, receive, send)
         finally:
-            self._streams.open -= 1
+            streams.open -= 1
 
-    async def _events(self, context: Context, surface: Surface, interval_s: float) -> AsyncIterator[bytes]:
-        pace, stop = Pace(), self._streams.stop
-        while not stop.is_set():
-            data = pace.next(surface, context.clock())
-            if data:
-                yield format_sse_event(event="state", data_str=data)
-            with suppress(TimeoutError):
-                await wait_for(stop.wait(), interval_s)
+    async def _events(self) -> AsyncIterator[bytes]:
+        while not self._context.streams.is_stopping:
+            for surface in self._watch.take_due():
+                state = json.dumps(state_of(surface.view(self._context.clock())), allow_nan=False)
+                yield format_sse_event(event="state", data_str=state)
+            await self._watch.wait()
 
 
 @router.get("/stream", response_class=StreamingResponse, responses=_RESPONSES)

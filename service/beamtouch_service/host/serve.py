@@ -106,7 +106,7 @@ async def _serve(config: uvicorn.Config, address: Address, context: Context, tas
 
     def stop() -> None:
         manager.stopping()
-        context.streams.stop.set()
+        context.streams.stop()
 
     own: Tasks = {
         "clock": _tick,

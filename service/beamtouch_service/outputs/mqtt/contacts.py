@@ -4,7 +4,6 @@ So a broker that is slow or frozen gets no contact, and finds none in its buffer
 """
 
 import asyncio
-from contextlib import ExitStack
 
 from prometheus_client import Counter
 
@@ -12,10 +11,11 @@ from beamtouch_service.api import errors
 from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.mqtt.connection import Connection
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
-from beamtouch_service.outputs.mqtt.pace import Pace
 from beamtouch_service.problems import MEDIA_TYPE
+from beamtouch_service.surfaces.pace import Pace
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.view import contact_of
+from beamtouch_service.surfaces.watch import Watch
 
 
 class ContactSender:
@@ -31,31 +31,18 @@ class ContactSender:
 
     async def run(self, connection: Connection) -> None:
         """Send contacts over a connection; raises BrokerError when it is lost."""
-        pace, news, clock = Pace(self._context.registry, self._max_rate_hz), asyncio.Event(), self._context.clock
-
-        def note(surface: Surface) -> None:
-            if not news.is_set() and pace.has_news(surface, clock()):
-                news.set()
-
-        with ExitStack() as listening:
-            for surface in self._context.registry:
-                listening.enter_context(surface.moves.told(note))
+        surfaces = list(self._context.registry)
+        watch = Watch(surfaces, Pace(surfaces, 1 / self._max_rate_hz), self._context.clock)
+        with watch.listening():
             while True:
-                await _wait(news, pace.wait_s(clock()))
-                news.clear()
-                if pace.due(clock()):
-                    await self._confirm(connection, pace)
-                    await self._send_due(connection, pace)
+                await watch.wait()
+                if watch.due():
+                    await self._confirm(connection, watch)
+                    # Also those that have come to be due meanwhile.
+                    for surface in watch.take_due():
+                        await self._send(connection, surface)
 
-    async def _send_due(self, connection: Connection, pace: Pace) -> None:
-        """Send the contacts that are due, also those that have come to be meanwhile."""
-        now_s = self._context.clock()
-        due = pace.due(now_s)
-        pace.sent(due, now_s)
-        for surface in due:
-            await self._send(connection, surface)
-
-    async def _confirm(self, connection: Connection, pace: Pace) -> None:
+    async def _confirm(self, connection: Connection, watch: Watch) -> None:
         """Wait for the broker, and count the contacts that are due, but became too old meanwhile."""
         begin_s, is_confirmed = self._context.clock(), False
         try:
@@ -63,7 +50,7 @@ class ContactSender:
             is_confirmed = True
         finally:
             now_s = self._context.clock()
-            samples = [(surface.newest, surface.stale_ms / 1e3) for surface in pace.due(now_s)]
+            samples = [(surface.newest, surface.stale_ms / 1e3) for surface in watch.due()]
             limits_s = [newest.acquired_s + stale_s for newest, stale_s in samples if newest]
             self._dropped.inc(sum(begin_s <= limit_s and (not is_confirmed or limit_s < now_s) for limit_s in limits_s))
 
@@ -80,11 +67,3 @@ class ContactSender:
         self._sent.inc()
         # Other work goes on between two messages.
         await asyncio.sleep(0)
-
-
-async def _wait(news: asyncio.Event, seconds: float) -> None:
-    try:
-        async with asyncio.timeout(seconds):
-            await news.wait()
-    except TimeoutError:
-        return
