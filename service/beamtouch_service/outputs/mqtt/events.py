@@ -9,7 +9,8 @@ from prometheus_client import Counter
 
 from beamtouch_service.api import events as event_answers
 from beamtouch_service.api.context import Context
-from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, WINDOW, Connection, RefusedError
+from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, WINDOW, Connection
+from beamtouch_service.outputs.mqtt.failures import RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
 from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.record import Due, RecordAwayError, Transactions

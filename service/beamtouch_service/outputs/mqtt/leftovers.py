@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from beamtouch_service.outputs.mqtt import discovery
-from beamtouch_service.outputs.mqtt.connection import ANSWER_S, BrokerError, Connection, RefusedError
+from beamtouch_service.outputs.mqtt.connection import ANSWER_S, Connection
+from beamtouch_service.outputs.mqtt.failures import BrokerError, RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, Kept, Topics
 
 MOST_LOSSES = 2

@@ -4,6 +4,7 @@ import asyncio
 import logging
 import ssl
 from collections.abc import Callable, Sequence
+from enum import Enum, auto
 from functools import partial
 from time import monotonic
 from typing import Protocol
@@ -15,9 +16,10 @@ from beamtouch_common.waits import Backoff
 from beamtouch_service.access import Access
 from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.mqtt import discovery
-from beamtouch_service.outputs.mqtt.connection import BrokerError, Connection, RefusedError
+from beamtouch_service.outputs.mqtt.connection import Connection
 from beamtouch_service.outputs.mqtt.contacts import ContactSender
 from beamtouch_service.outputs.mqtt.events import EventSender
+from beamtouch_service.outputs.mqtt.failures import BrokerError, RefusedError
 from beamtouch_service.outputs.mqtt.leftovers import Leftovers
 from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, TEXT, Topics
 from beamtouch_service.outputs.mqtt.section import MqttSection
@@ -40,6 +42,17 @@ def make(section: MqttSection, _surfaces: Sequence[str], _access: Access) -> Out
     return Output(
         lambda context: Publisher(section, context, connect).run(), [words] if password is not None and not tls else []
     )
+
+
+class _Status(Enum):
+    """The connection to the broker, as far as the log has it."""
+
+    STARTING = auto()
+    """There was none yet."""
+    CONNECTED = auto()
+    LOST = auto()
+    """The log does not say so: it said the same less than a minute ago."""
+    LOST_AS_LOGGED = auto()
 
 
 class _Sender(Protocol):
@@ -71,12 +84,12 @@ class Publisher:
             "statuses": StatusSender(context, topics),
             "leftovers": self._leftovers,
         }
-        self._problem = ""
-        """Why there is no connection, as it was logged; empty while there is one, and if it was not logged."""
-        self._repeated = Repeated(_log)
-        self._is_announced = False
-        """True if the log has the broker."""
+        self._status = _Status.STARTING
+        self._reason = ""
+        """Why there was no connection last, as it was logged."""
         self._lost_s = monotonic()
+        """When the connection was lost, or the service started."""
+        self._repeated = Repeated(_log)
 
     async def run(self) -> None:
         """Connect, and connect again after each failure, until cancelled."""
@@ -114,11 +127,15 @@ class Publisher:
         await self._leftovers.begin(connection)
         for topic, text in self._descriptions.items():
             await _keep(connection, topic, text, JSON)
-        if self._problem:
+        self._note_connected()
+
+    def _note_connected(self) -> None:
+        """Say that the broker is there, unless the log says so already."""
+        if self._status is _Status.LOST_AS_LOGGED:
             _log.info("MQTT broker %s: connected again after %.1f s", self._where, monotonic() - self._lost_s)
-        elif not self._is_announced:
+        elif self._status is _Status.STARTING:
             _log.info("MQTT broker %s: connected; topics %s/...", self._where, self._section.prefix)
-        self._problem, self._is_announced = "", True
+        self._status = _Status.CONNECTED
         self._connected.set(1)
         self._context.missing[self._section.name] = ""
 
@@ -127,15 +144,21 @@ class Publisher:
 
         Outages that follow each other within a minute for the same reason are counted in the next line.
         """
-        reason, name = str(failure), self._section.name
-        if not self._context.missing.get(name):
+        if self._status in {_Status.STARTING, _Status.CONNECTED}:
             self._lost_s = monotonic()
-        self._context.missing[name] = f"broker {self._where}: {reason}"
-        is_new = not self._problem or (isinstance(failure, RefusedError) and reason != self._problem)
-        text = f"MQTT broker {self._where}: {reason}; the service goes on and tries again"
-        if is_new and (line := self._repeated.line_if_due(text, reason)):
+        reason = str(failure)
+        self._context.missing[self._section.name] = f"broker {self._where}: {reason}"
+        is_another_refusal = isinstance(failure, RefusedError) and reason != self._reason
+        if self._status is _Status.LOST_AS_LOGGED and not is_another_refusal:
+            return
+        line = self._repeated.line_if_due(
+            f"MQTT broker {self._where}: {reason}; the service goes on and tries again", reason
+        )
+        if line:
             _log.warning("%s", line)
-            self._problem, self._is_announced = reason, True
+            self._status, self._reason = _Status.LOST_AS_LOGGED, reason
+        elif self._status is not _Status.LOST_AS_LOGGED:
+            self._status = _Status.LOST
 
 
 async def _keep(connection: Connection, topic: str, text: bytes, content_type: str) -> None:

@@ -5,7 +5,8 @@ import json
 import logging
 
 from beamtouch_service.api.context import Context
-from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, Connection, RefusedError
+from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, Connection
+from beamtouch_service.outputs.mqtt.failures import RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, READY, Topics
 from beamtouch_service.surfaces.surface import Surface
 
