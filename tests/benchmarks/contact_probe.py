@@ -1,8 +1,8 @@
 """Sends samples and asks for the contact at a steady pace.
 
-`contact_probe.py PORT SURFACE SECONDS TOKEN SAMPLE [clock]`: a sample is sent and the contact is asked for each 50 ms,
-over a connection each. SAMPLE is a JSON object of a sample and its channels. With `clock` the sender states its clock
-(`sent_us`). Prints the percentiles of the times of both, and the contacts that were not answered with 200 within half a
+`contact_probe.py PORT SURFACE SECONDS [TOKEN SAMPLE [clock]]`: a sample is sent and the contact is asked for each 50 ms,
+over a connection each. SAMPLE is a JSON object of a sample and its channels; without it, none is sent. With `clock` the
+sender states its clock (`sent_us`). Prints the percentiles of the times of both, and the contacts that were not answered with 200 within half a
 second, as JSON. A process of its own, so that clients that load the service take no time from it.
 """
 
@@ -95,16 +95,21 @@ class Samples(Asker):
         return f"{self._head}Content-Length: {len(body)}\r\n\r\n{body}".encode()
 
 
-async def probe(port: int, surface: str, seconds: float, samples: Samples) -> dict[str, Any]:
+async def probe(port: int, surface: str, seconds: float, samples: Samples | None) -> dict[str, Any]:
     """Send and ask for so long."""
     contacts = Contacts(port, surface)
-    await samples.run(monotonic() + EVERY_S)  # before it there is nothing to answer with
+    if samples:
+        await samples.run(monotonic() + EVERY_S)  # before it there is nothing to answer with
     until_s = monotonic() + seconds
-    await asyncio.gather(samples.run(until_s), contacts.run(until_s))
-    return {"contact": contacts.figures(), "sample": samples.figures(), "unanswered": contacts.refusals}
+    await asyncio.gather(*(one.run(until_s) for one in (samples, contacts) if one))
+    sent = {"sample": samples.figures()} if samples else {}
+    return {"contact": contacts.figures(), **sent, "unanswered": contacts.refusals}
 
 
 if __name__ == "__main__":
-    _, given_port, given_surface, given_seconds, given_token, given_sample, *more = sys.argv
-    sender = Samples(int(given_port), given_surface, given_token, json.loads(given_sample), clock="clock" in more)
+    _, given_port, given_surface, given_seconds, *sending = sys.argv
+    sender = None
+    if sending:
+        given_token, given_sample, *more = sending
+        sender = Samples(int(given_port), given_surface, given_token, json.loads(given_sample), clock="clock" in more)
     print(json.dumps(asyncio.run(probe(int(given_port), given_surface, float(given_seconds), sender))))

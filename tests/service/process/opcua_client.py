@@ -46,7 +46,8 @@ class Changes:
 @asynccontextmanager
 async def connected(url: str, user: str | None = None, password: str = "") -> AsyncIterator[Client]:
     """Give a client, as soon as the server is there."""
-    client = Client(url, timeout=TIMEOUT_S)
+    # On a starved machine, the client would give up a server that answers late.
+    client = Client(url, timeout=TIMEOUT_S, watchdog_intervall=TIMEOUT_S)
     if user is not None:
         client.set_user(user)
         client.set_password(password)

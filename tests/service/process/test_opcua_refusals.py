@@ -4,7 +4,9 @@ import asyncio
 import math
 import shutil
 import signal
+import socket
 import ssl
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,7 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from service.bench import batch_of
 from service.process.opcua_client import TIMEOUT_S, Changes, connected, read, start
-from service.process.opcua_hello import is_open
+from service.process.opcua_hello import HELLO, is_open
 from support.network.certificates import make_certificate
 from support.running.waiting import wait_until
 
@@ -46,26 +48,31 @@ def test_a_deadband_is_refused_as_it_would_hide_the_end_of_a_contact(start_press
             for kind in (ua.DeadbandType.Absolute, ua.DeadbandType.Percent):
                 with pytest.raises(ua.UaStatusCodeError, match="BadMonitoredItemFilterUnsupported"):
                     await subscription.deadband_monitor(node, 0.5, kind)
-            # In one request, each item has the answer that is its own.
+            # The item beside it is not there either: a client cannot mistake the answer.
+            filters = [
+                ua.DataChangeFilter(ua.DataChangeTrigger.StatusValue, ua.DeadbandType.Absolute, 0.5),
+                ua.DataChangeFilter(ua.DataChangeTrigger.StatusValueTimestamp, ua.DeadbandType.None_),
+                ua.DataChangeFilter(ua.DataChangeTrigger.StatusValue, ua.DeadbandType.None_),
+            ]
             items = [
                 ua.MonitoredItemCreateRequest(
                     ua.ReadValueId(node.nodeid, ua.AttributeIds.Value),
                     ua.MonitoringMode.Reporting,
-                    ua.MonitoringParameters(
-                        handle, Filter=ua.DataChangeFilter(ua.DataChangeTrigger.StatusValue, kind, 0.5)
-                    ),
+                    ua.MonitoringParameters(handle, Filter=asked),
                 )
-                for handle, kind in enumerate([ua.DeadbandType.Absolute, ua.DeadbandType.None_])
+                for handle, asked in enumerate(filters)
             ]
-            refused, given = await subscription.create_monitored_items(items)
-            assert refused.name == "BadMonitoredItemFilterUnsupported"
-            (modified,) = await subscription.modify_monitored_item(given, 20, mod_filter_val=0.5)
-            assert modified.StatusCode.name == "BadMonitoredItemFilterUnsupported"
+            for refused in (items[::2], items[1:]):
+                with pytest.raises(ua.UaStatusCodeError, match="BadMonitoredItemFilterUnsupported"):
+                    await subscription.create_monitored_items(refused)
+            (given,) = await subscription.create_monitored_items(items[2:])
+            with pytest.raises(ua.UaStatusCodeError, match="BadServiceUnsupported"):
+                await subscription.modify_monitored_item(given, 20, mod_filter_val=0.5)
 
     asyncio.run(ask())
 
 
-@pytest.mark.promise("docs/reference/service-configuration.md", "The only user. Default: everybody may read.")
+@pytest.mark.promise("docs/reference/service-configuration.md", "The only user. Default: everybody on this machine may read.")
 def test_only_the_user_reads_and_in_no_session_of_another_and_names_with_dots_are_nodes_of_their_own(
     start_press: StartService, tmp_path: Path
 ) -> None:
@@ -109,13 +116,11 @@ def test_only_the_user_reads_and_in_no_session_of_another_and_names_with_dots_ar
 
 @pytest.mark.promise(
     "docs/how-to/opcua.md",
-    (
-        "A publishing interval shorter than `interval_ms`, also 0, becomes `interval_ms`, and at most 100 values of "
-        "a variable wait for a client."
-    ),
+    "A publishing interval below 10 ms, also 0, or above an hour is refused with `BadInvalidArgument`",
+    "at most 100 values of a variable wait for a client.",
 )
-def test_a_client_adds_no_server_and_gets_no_more_than_the_looks_give(start_press: StartService) -> None:
-    _, url = start(start_press, 2000, "interval_ms = 50")
+def test_a_client_adds_no_server_and_its_subscriptions_are_bounded(start_press: StartService) -> None:
+    service, url = start(start_press, 2000, "interval_ms = 50")
 
     async def ask() -> None:
         async with connected(url) as client:
@@ -124,36 +129,107 @@ def test_a_client_adds_no_server_and_gets_no_more_than_the_looks_give(start_pres
             with pytest.raises(ua.UaStatusCodeError, match="BadServiceUnsupported"):
                 await client.uaclient.register_server(other)
             assert [one.ApplicationUri for one in await client.find_servers()] == known == ["urn:beamtouch:service"]
+            session = client.uaclient.session
+            for interval_ms in (0, 0.001, 9.9, math.nan, -1, math.inf, 3_600_001):
+                asked = ua.CreateSubscriptionParameters(interval_ms, 1000, 10, PublishingEnabled=True)
+                with pytest.raises(ua.UaStatusCodeError, match="BadInvalidArgument"):
+                    await session.create_subscription(asked, lambda _message: None)
+            asked = ua.CreateSubscriptionParameters(10, 1_000_000, 1_000_000, PublishingEnabled=True)
+            given = await session.create_subscription(asked, lambda _message: None)
+            # As long as these, a client that hangs would keep its subscription, and one that waits would hear nothing.
+            assert (given.RevisedLifetimeCount, given.RevisedMaxKeepAliveCount) == (1000, 100)
             index = await client.get_namespace_index("urn:beamtouch")
             age = ua.ReadValueId(ua.NodeId("press-7/age_ms", index), ua.AttributeIds.Value)
-            for interval_ms, revised_ms in ((0, 50), (0.001, 50), (math.nan, 50), (-1, 50), (200, 200)):
-                asked = ua.CreateSubscriptionParameters(interval_ms, 1000, 10, PublishingEnabled=True)
-                given = await client.uaclient.session.create_subscription(asked, lambda _message: None)
-                assert given.RevisedPublishingInterval == revised_ms
-                # Without a size, the library would keep 10 000 values for a client that hangs.
-                item = ua.MonitoredItemCreateRequest(age, ua.MonitoringMode.Reporting, ua.MonitoringParameters(1))
-                items = ua.CreateMonitoredItemsParameters(given.SubscriptionId, ItemsToCreate=[item])
-                (created,) = await client.uaclient.session.create_monitored_items(items)
-                assert created.RevisedQueueSize == 100
-                longer = ua.MonitoredItemModifyRequest(
-                    created.MonitoredItemId, ua.MonitoringParameters(1, QueueSize=100_000)
+            for size in (0, 100_000):
+                item = ua.MonitoredItemCreateRequest(
+                    age, ua.MonitoringMode.Reporting, ua.MonitoringParameters(1, QueueSize=size)
                 )
-                wanted = ua.ModifyMonitoredItemsParameters(given.SubscriptionId, ItemsToModify=[longer])
-                (modified,) = await client.uaclient.session.modify_monitored_items(wanted)
-                assert modified.RevisedQueueSize == 100
+                items = ua.CreateMonitoredItemsParameters(given.SubscriptionId, ItemsToCreate=[item])
+                (created,) = await session.create_monitored_items(items)
+                assert created.RevisedQueueSize == 100
+
+    asyncio.run(ask())
+    _, errors = service.stop(signal.SIGTERM)
+    (line,) = [line for line in errors.splitlines() if "publishing interval of 0 ms" in line]
+    assert "OPC UA server: 1 requests refused: a publishing interval of 0 ms, not of 10 ms to an hour" in line
+
+
+@pytest.mark.promise(
+    "docs/how-to/opcua.md",
+    "at most 1000 nodes in a request, 2000 subscribed variables",
+)
+def test_requests_and_subscribed_variables_are_bounded(start_press: StartService) -> None:
+    _, url = start(start_press, 60_000)
+
+    async def ask() -> None:
+        async with connected(url) as client:
+            index = await client.get_namespace_index("urn:beamtouch")
+            limit = await client.get_node(
+                ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead
+            ).read_value()
+            node = ua.ReadValueId(ua.NodeId("press-7/state", index), ua.AttributeIds.Value)
+            session = client.uaclient.session
+            assert len(await session.read(ua.ReadParameters(NodesToRead=[node] * limit))) == limit == 1000
+            with pytest.raises(ua.UaStatusCodeError, match="BadTooManyOperations"):
+                await session.read(ua.ReadParameters(NodesToRead=[node] * (limit + 1)))
+            items = [
+                ua.MonitoredItemCreateRequest(node, ua.MonitoringMode.Reporting, ua.MonitoringParameters(handle))
+                for handle in range(limit)
+            ]
+
+            async def subscribe(count: int) -> int:
+                asked = ua.CreateSubscriptionParameters(3.6e6, 1000, 100, PublishingEnabled=True)
+                number = (await session.create_subscription(asked, lambda _message: None)).SubscriptionId
+                for first in range(0, count, limit):
+                    part = ua.CreateMonitoredItemsParameters(number, ItemsToCreate=items[: count - first])
+                    created = await session.create_monitored_items(part)
+                    assert {one.StatusCode.name for one in created} == {"Good"}
+                return int(number)
+
+            most, more = await subscribe(2 * limit), await subscribe(0)
+            one_more = ua.CreateMonitoredItemsParameters(more, ItemsToCreate=items[:1])
+            with pytest.raises(ua.UaStatusCodeError, match="BadTooManyMonitoredItems"):
+                await session.create_monitored_items(one_more)
+            await session.delete_subscriptions([most])
+            assert await session.create_monitored_items(one_more)
 
     asyncio.run(ask())
 
 
-MOST_SUBSCRIPTIONS = 1000
-"""Of a server, by the library's default."""
+@pytest.mark.promise("docs/how-to/opcua.md", "64 connections")
+def test_connections_are_bounded(start_press: StartService) -> None:
+    _, url = start(start_press, 60_000)
+    asyncio.run(asyncio.to_thread(wait_until, lambda: is_open(url)))
+    port = int(url.rstrip("/").rpartition(":")[2])
+
+    def is_refused(line: socket.socket) -> bool:
+        line.settimeout(TIMEOUT_S)
+        try:
+            line.sendall(HELLO)
+            return line.recv(4) != b"ACKF"
+        except ConnectionError:
+            return True
+
+    with ExitStack() as lines:
+        taken = [
+            lines.enter_context(socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT_S)) for _ in range(64)
+        ]
+        with socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT_S) as more:
+            assert is_refused(more)
+        # The server learns of the end of the connection before in its own time.
+        assert not is_refused(taken[-2])
+    asyncio.run(asyncio.to_thread(wait_until, lambda: is_open(url)))
+
+
+MOST_SUBSCRIPTIONS = 128
+"""Of a server."""
 
 
 @pytest.mark.promise("docs/how-to/opcua.md", "and ends with its connection, with all of them")
 @pytest.mark.parametrize("says_so", [True, False])
 def test_subscriptions_end_with_the_session_of_their_client(start_press: StartService, says_so: bool) -> None:
     _, url = start(start_press, 2000)
-    seldom = ua.CreateSubscriptionParameters(1e9, 100_000, 10_000, PublishingEnabled=True)
+    seldom = ua.CreateSubscriptionParameters(3.6e6, 1000, 100, PublishingEnabled=True)
 
     async def subscribe(client: Client) -> None:
         await client.uaclient.session.create_subscription(seldom, lambda _message: None)
@@ -263,16 +339,20 @@ def test_nobody_ends_or_takes_over_the_subscription_of_another_client(start_pres
             number = subscription.subscription_id
             own = (await stranger.create_subscription(50, Changes())).subscription_id
             assert own != number
+            stranger_session = stranger.uaclient.session
+            with pytest.raises(ua.UaStatusCodeError, match="BadServiceUnsupported"):
+                await stranger.uaclient.transfer_subscriptions(ua.TransferSubscriptionsParameters([number]))
             pause = ua.SetPublishingModeParameters(PublishingEnabled=False, SubscriptionIds=[number])
-            (taken,) = await stranger.uaclient.transfer_subscriptions(ua.TransferSubscriptionsParameters([number]))
-            answers = [
-                taken.StatusCode,
-                *await stranger.uaclient.set_publishing_mode(pause),
-                *await stranger.uaclient.delete_subscriptions([number]),
-            ]
-            assert {answer.name for answer in answers} == {"BadSubscriptionIdInvalid"}
-            with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):
-                await stranger.uaclient.delete_monitored_items(ua.DeleteMonitoredItemsParameters(number, [item]))
+            stop = ua.SetMonitoringModeParameters(number, ua.MonitoringMode.Disabled, [item])
+            for attempt in (
+                stranger_session.set_publishing_mode(pause),
+                stranger_session.set_monitoring_mode(stop),
+                stranger_session.delete_subscriptions([own, number]),
+                stranger_session.delete_monitored_items(ua.DeleteMonitoredItemsParameters(number, [item])),
+                stranger_session.republish(number, 1),
+            ):
+                with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):
+                    await attempt
             assert [answer.name for answer in await stranger.uaclient.delete_subscriptions([own])] == ["Good"]
             assert (await asyncio.to_thread(service.post, batch_of([0.0] * 3))).status_code == 200
             told = changes.found.setdefault("press-7/sequence", [])

@@ -51,54 +51,50 @@ is JSON, as OPC UA has no type for it."""
 class EventSender:
     """Sends the finished events of all surfaces."""
 
-    def __init__(
-        self, server: Server, recorder: Recorder, main: asyncio.AbstractEventLoop, objects: Mapping[str, ua.NodeId]
-    ) -> None:
-        """`main`: the event loop of the record; `objects`: surface -> its object, which emits the events."""
-        self._server, self._recorder, self._main, self._objects = server, recorder, main, objects
+    def __init__(self, server: Server, recorder: Recorder, objects: Mapping[str, ua.NodeId]) -> None:
+        """`objects`: surface -> its object, which emits the events."""
+        self._server, self._recorder, self._objects = server, recorder, objects
         self._generators: dict[str, EventGenerator] = {}
 
     async def run(self) -> None:
         """Send events until cancelled."""
+        await self._describe()
+        while True:
+            try:
+                # Nobody acknowledges them, so they count as sent.
+                finished = await self._recorder.wait_for_finished(_take_due)
+            except RecordAwayError:  # the log has it
+                await asyncio.sleep(RETRY_S)
+                continue
+            for due in finished:
+                await self._send(due)
+
+    async def _describe(self) -> None:
+        """Make the type of the events, and name who emits them."""
         index = next(iter(self._objects.values())).NamespaceIndex if self._objects else 0
         kind = await self._server.create_custom_event_type(index, "ContactEventType", properties=list(FIELDS.items()))
         for name, node in self._objects.items():
             self._generators[name] = await self._server.get_event_generator(kind, node)
             await self._server.nodes.server.add_reference(node, ua.ObjectIds.HasNotifier)
-        while True:
-            for due in await self._due():
-                await self._send(due)
-
-    async def _due(self) -> list[Due]:
-        """Return events that finished since the last look, at most `AT_ONCE`, once there are any."""
-        return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(self._take(), self._main))
-
-    async def _take(self) -> list[Due]:
-        """Take events from the record. Nobody acknowledges them, so they count as sent."""
-        while True:
-            try:
-                return await self._recorder.wait_for_finished(_take_due)
-            except RecordAwayError:  # the log has it
-                await asyncio.sleep(RETRY_S)
 
     async def _send(self, due: Due) -> None:
-        said = event_answers.event(due.number, due.event)
-        generator = self._generators.get(said.surface)
+        event = event_answers.event(due.number, due.event)
+        generator = self._generators.get(event.surface)
         if generator is None:  # no longer configured
             return
         sent = generator.event
         for name, kind in FIELDS.items():
-            value = getattr(said, name)
+            value = getattr(event, name)
             setattr(sent, name, str(value) if kind is ua.VariantType.String and value else value)
-        sent.zones = json.dumps(said.zones)
-        sent.emitting_node = self._objects[said.surface]
+        sent.zones = json.dumps(event.zones)
+        sent.emitting_node = self._objects[event.surface]
         await generator.trigger(
-            time_attr=datetime.fromisoformat(said.lifted_at or said.touched_at),
-            message=f"{said.kind} on {said.surface}, {said.dwell_ms:.0f} ms",
+            time_attr=datetime.fromisoformat(event.lifted_at or event.touched_at),
+            message=f"{event.kind} on {event.surface}, {event.dwell_ms:.0f} ms",
         )
         # Clients that want the events of all surfaces listen at the Server object. The library only serves the emitter.
         sent.emitting_node = self._server.nodes.server.nodeid
-        await generator.isession.subscription_service.trigger_event(sent)
+        await self._server.iserver.subscription_service.trigger_event(sent)
 
 
 def _take_due(transactions: Transactions) -> list[Due]:

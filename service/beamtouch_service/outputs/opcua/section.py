@@ -17,11 +17,12 @@ class OpcUaSection(OutputSection):
     not_shared: ClassVar[str] = "as each service would send the events of all"
 
     host: Host = "127.0.0.1"
-    """Address to listen on. Without a user and a `trusted_folder`, everyone who reaches it can read."""
+    """Address to listen on. Addresses beyond loopback require a certificate and a user."""
     port: Annotated[int, Field(ge=1, le=65535)] = 4840
     """Port to listen on."""
     interval_ms: Annotated[FiniteFloat, Field(ge=10, le=10_000)] = 100.0
-    """Subscribed variables follow their surface at this interval. A read is answered with the contact of its moment."""
+    """Clients that have subscribed are told of new samples at most this often. A read is answered with the contact of
+    its moment."""
     certificate_file: File | None = None
     """PEM or DER. With `key_file`, clients must sign and encrypt."""
     key_file: File | None = None
@@ -29,7 +30,7 @@ class OpcUaSection(OutputSection):
     trusted_folder: File | None = None
     """Folder with the certificates of the clients that may connect, PEM or DER. Default: every client."""
     username: Text | None = None
-    """The only user. Default: everybody may read."""
+    """The only user. Default: everybody on this machine may read."""
     password_file: File | None = None
     """File with the password of `username`."""
 

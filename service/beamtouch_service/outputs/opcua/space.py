@@ -1,0 +1,151 @@
+"""The nodes of surfaces, what their variables answer, and when subscribers are told.
+
+Nothing is stored: whoever reads a variable, or begins to subscribe to it, gets the contact of that moment.
+"""
+
+import asyncio
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from typing import Self
+
+from asyncua import Node, Server, ua
+from asyncua.common.callback import Callback, CallbackType
+
+from beamtouch_service.api.context import Context
+from beamtouch_service.outputs.opcua.values import Variable, values, variables_of
+from beamtouch_service.surfaces.surface import Surface
+
+NAMESPACE = "urn:beamtouch"
+"""The namespace of all nodes; a node is `NAME` or `NAME/variable`: no name of a surface has a slash."""
+LOOK_S = 0.9
+"""A surface is looked at this often without a sample, too: a model may have come or gone."""
+_AFTER_LIMIT_S = 1e-3
+"""A surface is stale when its age is beyond the limit, not at the limit."""
+
+
+class _Told(ua.DataValue):  # type: ignore[misc]  # mypy skips the types of the library
+    """A value that never changes. Of others, the library makes a copy for each subscriber, which costs the most here."""
+
+    def __deepcopy__(self, _memo: object) -> Self:
+        return self
+
+
+class Space:
+    """The nodes of all surfaces."""
+
+    def __init__(self, server: Server, context: Context) -> None:
+        self._server, self._context = server, context
+        self.objects: dict[str, ua.NodeId] = {}
+        """Surface -> its object."""
+        self._variables: dict[ua.NodeId, tuple[Surface, str]] = {}
+        """Variable -> its surface, and its name there."""
+        self._looks: dict[str, dict[str, ua.DataValue]] = {}
+        """Surface -> name -> value, of this turn of the event loop."""
+        self._subscribed: dict[str, Surface] = {}
+        self._told: dict[ua.NodeId, ua.DataValue] = {}
+        """Variable -> what each of its subscribers has; without an entry, one of them may have something else."""
+        self._news = asyncio.Event()
+        """Set when a surface that somebody has subscribed to has a new sample."""
+        self._moved: set[str] = set()
+        """Surfaces with a new sample that subscribers have not been told."""
+
+    async def build(self) -> None:
+        """Make an object for each surface, with its variables."""
+        index = await self._server.register_namespace(NAMESPACE)
+        top = self._server.get_objects_node()
+        for surface in self._context.registry:
+            node = await top.add_object(ua.NodeId(surface.name, index), ua.QualifiedName(surface.name, index))
+            self.objects[surface.name] = node.nodeid
+            for name, variable in variables_of(surface).items():
+                await self._add(surface, name, variable, node)
+                await asyncio.sleep(0)  # requests have a turn
+        self._server.subscribe_server_callback(CallbackType.ItemSubscriptionCreated, self._note_subscription)
+
+    async def _add(self, surface: Surface, name: str, variable: Variable, node: Node) -> None:
+        """Add a variable to the object of its surface."""
+        index = node.nodeid.NamespaceIndex
+        nodeid, none = ua.NodeId(f"{surface.name}/{name}", index), ua.Variant(None, ua.VariantType.Null)
+        kind = ua.NodeId(getattr(ua.ObjectIds, variable.kind.name))
+        added = await node.add_variable(nodeid, ua.QualifiedName(name, index), none, datatype=kind)
+        text = ua.LocalizedText(variable.meaning)
+        await added.write_attribute(ua.AttributeIds.Description, ua.DataValue(ua.Variant(text)))
+        self._server.set_attribute_value_callback(nodeid, self._read)
+        # Without this, the library would store what subscribers are told, and answer with that from then on.
+        self._server.set_attribute_value_setter(nodeid, lambda _node, _attribute, _value: None)
+        self._variables[nodeid] = surface, name
+
+    def _read(self, nodeid: ua.NodeId, _attribute: ua.AttributeIds) -> ua.DataValue:
+        """Return the value of a variable now, for a client that reads it or begins to subscribe to it."""
+        surface, name = self._variables[nodeid]
+        value = self._look(surface)[name]
+        if not _is_same(value, self._told.get(nodeid)):
+            self._told.pop(nodeid, None)
+        return value
+
+    def _look(self, surface: Surface) -> dict[str, ua.DataValue]:
+        """Return the variables of a surface as of now. All that one request asks for belong to one sample."""
+        if surface.name not in self._looks:
+            self._looks[surface.name] = values(surface, self._context.clock(), datetime.now(UTC))
+            asyncio.get_running_loop().call_soon(self._looks.pop, surface.name)
+        return self._looks[surface.name]
+
+    def _note_subscription(self, event: Callback, _service: object) -> None:
+        for item in event.request_params.ItemsToCreate:
+            surface, _ = self._variables.get(item.ItemToMonitor.NodeId, (None, ""))
+            if surface is not None:
+                self._subscribed[surface.name] = surface
+                self._note_move(surface)
+
+    def _note_move(self, surface: Surface) -> None:
+        if surface.name in self._subscribed:
+            self._moved.add(surface.name)
+            self._news.set()
+
+    async def follow(self, interval_s: float) -> None:
+        """Tell subscribers what has changed, at most once in this time, until cancelled."""
+        clock, due_s = self._context.clock, dict[str, float]()
+        with ExitStack() as listening:
+            for surface in self._context.registry:
+                listening.enter_context(surface.moves.told(self._note_move))
+            while True:
+                await self._wait_for_news(min(due_s.values(), default=clock() + LOOK_S) - clock())
+                if not self._server.iserver.subscription_service.subscriptions:
+                    self._subscribed.clear()
+                due_s = {name: due_s.get(name, clock()) for name in self._subscribed}
+                for name, surface in list(self._subscribed.items()):
+                    if name in self._moved or clock() >= due_s[name]:
+                        self._moved.discard(name)
+                        due_s[name] = _next_look_s(surface, clock())
+                        await self._tell(surface)
+                await asyncio.sleep(interval_s)
+
+    async def _wait_for_news(self, wait_s: float) -> None:
+        try:
+            async with asyncio.timeout(max(0.0, wait_s)):
+                await self._news.wait()
+        except TimeoutError:
+            return
+        self._news.clear()
+
+    async def _tell(self, surface: Surface) -> None:
+        """Tell the subscribers of a surface what they do not have yet, all of it before other work goes on."""
+        index = self.objects[surface.name].NamespaceIndex
+        for name, value in self._look(surface).items():
+            nodeid = ua.NodeId(f"{surface.name}/{name}", index)
+            if not _is_same(value, self._told.get(nodeid)):
+                self._told[nodeid] = value
+                told = _Told(value.Value, value.StatusCode, value.SourceTimestamp, value.ServerTimestamp)
+                await self._server.write_attribute_value(nodeid, told)
+        await asyncio.sleep(0)
+
+
+def _next_look_s(surface: Surface, now_s: float) -> float:
+    """Return when to look at a surface again if no sample comes [s, monotonic]."""
+    newest = surface.newest
+    stale_s = newest.acquired_s + surface.stale_ms / 1e3 + _AFTER_LIMIT_S if newest else now_s
+    return min(stale_s, now_s + LOOK_S) if stale_s > now_s else now_s + LOOK_S
+
+
+def _is_same(value: ua.DataValue, other: ua.DataValue | None) -> bool:
+    """Return whether two values differ in their times at most."""
+    return other is not None and value.StatusCode == other.StatusCode and value.Value == other.Value
