@@ -46,8 +46,7 @@ def run() -> list[dict[str, object]]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         model = build(folder)
-        rows = [_row(words_of(count), measure(folder, model, count)) for count in (None, *SUBSCRIBERS)]
-    return rows
+        return [_row(words_of(count), measure(folder, model, count)) for count in (None, *SUBSCRIBERS)]
 
 
 def words_of(count: int | None) -> str:
@@ -83,7 +82,8 @@ def measure(
             assert clients.stdout is not None
             clients.stdout.readline()
             figures = used(pid, port, seconds)
-            return figures | json.loads(clients.stdout.read())
+            seen: dict[str, float] = json.loads(clients.stdout.read())
+            return figures | seen
 
 
 def moved(model: ModelFile) -> Callable[[int], list[float]]:

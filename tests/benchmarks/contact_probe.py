@@ -1,9 +1,10 @@
 """Sends samples and asks for the contact at a steady pace.
 
-`contact_probe.py PORT SURFACE SECONDS [TOKEN SAMPLE [clock]]`: a sample is sent and the contact is asked for each 50 ms,
-over a connection each. SAMPLE is a JSON object of a sample and its channels; without it, none is sent. With `clock` the
-sender states its clock (`sent_us`). Prints the percentiles of the times of both, and the contacts that were not answered with 200 within half a
-second, as JSON. A process of its own, so that clients that load the service take no time from it.
+`contact_probe.py PORT SURFACE SECONDS [TOKEN SAMPLE [clock]]`: a sample is sent and the contact is asked for each
+50 ms, over a connection each. SAMPLE is a JSON object of a sample and its channels; without it, none is sent. With
+`clock` the sender states its clock (`sent_us`). Prints the percentiles of the times of both, and the contacts that were
+not answered with 200 within half a second, as JSON. A process of its own, so that clients that load the service take no
+time from it.
 """
 
 import asyncio

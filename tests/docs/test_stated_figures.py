@@ -41,7 +41,7 @@ from beamtouch_service.commissioning import pressing, run, verdict
 from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.host.serve import IDLE_S
 from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
-from beamtouch_service.outputs.opcua.subscriptions import MOST_WAITING
+from beamtouch_service.outputs.opcua import door
 from beamtouch_service.problems import Kind
 from beamtouch_service.record.database.connections import READERS
 from beamtouch_service.record.database.write_ahead import MAX_BYTES, WARN_BYTES
@@ -214,7 +214,15 @@ STATED = {
         f"slopes by more than {MAX_SLOPE:g} rad",
         f"`damping_ratio` is {math.log(2) / (2 * math.pi):.2f} over this number",
     ],
-    "docs/how-to/opcua.md": [f"at most {MOST_WAITING} values of a variable"],
+    "docs/how-to/opcua.md": [
+        f"at most {door.MAX_WAITING} values of a variable",
+        f"{door.MAX_CONNECTIONS} connections, {door.MAX_SUBSCRIPTIONS} subscriptions",
+        f"at most {door.MAX_OPERATIONS} nodes in a request, {door.MAX_ITEMS} subscribed variables",
+        f"messages of {door.MAX_MESSAGE_BYTES >> 20} MiB",
+        f"after at most {door.MAX_KEEP_ALIVE} publishing intervals",
+        f"asks for nothing for {door.MAX_LIFETIME}",
+        f"publishing interval below {door.MIN_INTERVAL_MS:g} ms",
+    ],
     "docs/how-to/plc.md": [
         f"identity {identity('strip')}, heartbeat",
         f"Bit {Note.DEGRADED.bit} of `notes`, `degraded`",

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from asyncua import Server
 
 from beamtouch_service.outputs.opcua.events import EventSender
 from beamtouch_service.sections import EventsSection
@@ -30,12 +31,13 @@ def test_a_record_that_is_away_is_asked_again_only_after_a_pause(
 
     monkeypatch.setattr(recorder, "wait_for_finished", counted)
 
-    async def take() -> None:
-        sender = EventSender(None, recorder, asyncio.get_running_loop(), {})
+    async def send() -> None:
+        server = Server()
+        await server.init()
         with suppress(TimeoutError):
             async with asyncio.timeout(0.3):
-                await sender._take()
+                await EventSender(server, recorder, {}).run()
 
     assert bench.event_loop is not None
-    bench.event_loop.call(take)
+    bench.event_loop.call(send)
     assert len(tries) == 1

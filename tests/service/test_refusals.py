@@ -158,6 +158,11 @@ SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
         ('[opcua]\ntrusted_folder = "clients"\n', "trusted_folder has no effect"),
         ('[opcua]\nusername = "scada"\n', "password_file is missing"),
         ("[opcua]\ninterval_ms = 1\n", "opcua.interval_ms"),
+        (
+            '[opcua]\nhost = "0.0.0.0"\n',
+            "[opcua]: 0.0.0.0 is open to the network, which requires a certificate and a user: "
+            "add certificate_file and key_file and username and password_file, or use 127.0.0.1",
+        ),
         ("[mqtt]\nport = 1883\n", "mqtt.host is missing; add it"),
         (f'{BROKER}prefix = "a/+"\n', "mqtt.prefix: must match the pattern"),
         (f'{BROKER}ca_file = "ca.pem"\n', "mqtt: ca_file has no effect without TLS; set tls = true"),
@@ -285,10 +290,7 @@ def test_check_warns_of_what_is_open_to_others(
     assert "no token protects the Modbus TCP server" in check("", more="[modbus_server]\nport = 0\n")
 
 
-@pytest.mark.promise(
-    "docs/reference/service-configuration.md",
-    "Without a user and a `trusted_folder`, everyone who reaches it can read.",
-)
+@pytest.mark.promise("docs/how-to/opcua.md", "Without a user and a `trusted_folder`, everyone on the machine can read")
 @pytest.mark.parametrize(
     ("keys", "is_open"),
     [
@@ -314,23 +316,40 @@ def test_check_warns_of_an_opc_ua_server_that_everyone_reads(
 
 
 @pytest.mark.promise(
-    "docs/how-to/opcua.md", "without one, the password travels in the clear, and `beamtouch-service check` says so."
+    "docs/reference/service-configuration.md", "Addresses beyond loopback require a certificate and a user."
 )
 @pytest.mark.parametrize(
-    ("host", "has_certificate", "is_told"),
-    [("host = '127.0.0.1'", False, False), ("host = '0.0.0.0'", False, True), ("host = '0.0.0.0'", True, False)],
+    ("host", "keys", "missing"),
+    [
+        ("host = '127.0.0.1'", (), ""),
+        ("host = '0.0.0.0'", ("user",), "add certificate_file and key_file, or use 127.0.0.1"),
+        ("host = '0.0.0.0'", ("certificate",), "add username and password_file, or use 127.0.0.1"),
+        ("host = '0.0.0.0'", ("certificate", "trusted"), "add username and password_file, or use 127.0.0.1"),
+        ("host = '::'", ("user",), "add certificate_file and key_file, or use 127.0.0.1"),
+        ("host = 'no-such-host.invalid'", ("user",), "add certificate_file and key_file, or use 127.0.0.1"),
+        ("host = '0.0.0.0'", ("certificate", "user"), ""),
+    ],
 )
-def test_check_warns_of_a_password_that_crosses_the_network_in_the_clear(
-    service: Command, tmp_path: Path, host: str, *, has_certificate: bool, is_told: bool
+def test_beyond_loopback_opc_ua_requires_a_certificate_and_a_user(
+    service: Command, tmp_path: Path, host: str, keys: tuple[str, ...], missing: str
 ) -> None:
     make_certificate(tmp_path, key_kind=("rsa:2048",))
+    (tmp_path / "clients").mkdir()
+    make_certificate(tmp_path / "clients", key_kind=("rsa:2048",))[1].unlink()
     (tmp_path / "password").write_text("a long password\n")
-    keys = ["certificate_file = 'certificate.pem'", "key_file = 'key.pem'"] if has_certificate else []
-    lines = ["[opcua]", host, "username = 'scada'", "password_file = 'password'", *keys]
-    (tmp_path / "service.toml").write_text("\n".join(lines))
-    done = service("check", "--config", tmp_path / "service.toml")
-    assert done.returncode == 0, done.stderr
-    assert ("its password crosses the network in the clear" in done.stdout) is is_told
+    lines = {
+        "certificate": "certificate_file = 'certificate.pem'\nkey_file = 'key.pem'",
+        "trusted": "trusted_folder = 'clients'",
+        "user": "username = 'scada'\npassword_file = 'password'",
+    }
+    config = tmp_path / "service.toml"
+    config.write_text("\n".join(["[opcua]", host, *(lines[key] for key in keys)]))
+    done = service("check", "--config", config)
+    if missing:
+        (line,) = done.stderr.splitlines()
+        assert (done.returncode, line.endswith(missing)) == (2, True), line
+    else:
+        assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.promise(

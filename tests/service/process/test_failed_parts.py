@@ -44,8 +44,10 @@ PARTS = [
     Case("mqtt", "beamtouch_service.outputs.mqtt.publisher", "Publisher", "_introduce", is_early=True),
     Case("mqtt contacts", "beamtouch_service.outputs.mqtt.contacts", "ContactSender", "_send"),
     Case("mqtt events", "beamtouch_service.outputs.mqtt.events", "EventSender", "_find_due"),
-    Case("opcua", "beamtouch_service.outputs.opcua.server", "Space", "build", is_early=True),
-    Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "_due"),
+    Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "build", is_early=True),
+    Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "_wait_for_news"),
+    Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "_describe", is_early=True),
+    Case("opcua", "beamtouch_service.outputs.opcua.door", "Sessions", "end_orphans"),
 ]
 
 

@@ -72,7 +72,9 @@ def test_a_deadband_is_refused_as_it_would_hide_the_end_of_a_contact(start_press
     asyncio.run(ask())
 
 
-@pytest.mark.promise("docs/reference/service-configuration.md", "The only user. Default: everybody on this machine may read.")
+@pytest.mark.promise(
+    "docs/reference/service-configuration.md", "The only user. Default: everybody on this machine may read."
+)
 def test_only_the_user_reads_and_in_no_session_of_another_and_names_with_dots_are_nodes_of_their_own(
     start_press: StartService, tmp_path: Path
 ) -> None:

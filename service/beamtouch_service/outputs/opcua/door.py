@@ -19,13 +19,14 @@ from asyncua.server.user_managers import UserManager
 from asyncua.ua.ua_binary import struct_from_binary
 
 from beamtouch_common.log import Repeated
+from beamtouch_service.surfaces.listeners import Listeners
 
 MAX_CONNECTIONS = 64
 MAX_SUBSCRIPTIONS = 128
 """Of all clients."""
 MAX_ITEMS = 2000
-"""Subscribed variables and sources of events of all clients. If all are the same variable, the service does nothing else
-while they are told: some 40 ms."""
+"""Subscribed variables and sources of events of all clients. While the subscribers of one variable are told, the service
+does nothing else: with this many, some 40 ms."""
 MAX_WAITING = 100
 """Values of a variable, events, and messages without acknowledgement that are kept for a subscription."""
 MAX_OPERATIONS = 1000
@@ -34,7 +35,7 @@ MAX_MESSAGE_BYTES = 1 << 20
 MIN_INTERVAL_MS, MAX_INTERVAL_MS = 10.0, 3_600_000.0
 """Publishing intervals that are taken. With one of a microsecond, the service would do nothing else."""
 MAX_KEEP_ALIVE, MAX_LIFETIME = 100, 1000
-"""Publishing intervals until a client hears that there is nothing new, and until one that hangs loses its subscription."""
+"""Publishing intervals until a client hears that nothing is new, and until one that hangs loses its subscription."""
 ACTIVATION_S = 10.0
 """Time in which a connection must show who it is."""
 
@@ -98,6 +99,8 @@ class Door(PermissionRuleset):  # type: ignore[misc]  # mypy skips the types of 
         self._sessions = sessions
         self._items: dict[int, int] = {}
         """Subscription -> its items."""
+        self.created: Listeners[Callback] = Listeners()
+        """Told of each request by which clients subscribed to variables or events. The library tells only one."""
         self._repeated = Repeated(_log, "OPC UA server")
         checks: dict[str, tuple[type | None, Callable[[User, Any], None] | None]] = {
             "Publish": (None, None),
@@ -184,6 +187,7 @@ class Door(PermissionRuleset):  # type: ignore[misc]  # mypy skips the types of 
 
     def _note_created(self, event: Callback, _service: object) -> None:
         self._note(event, sum(result.StatusCode.is_good() for result in event.response_params))
+        self.created.tell(event)
 
     def _note_deleted(self, event: Callback, _service: object) -> None:
         self._note(event, -sum(code.is_good() for code in event.response_params))

@@ -52,9 +52,13 @@ async def _run(section: OpcUaSection, security: Security, address: Address, cont
     """Serve, as soon as the address is there, until cancelled."""
     while True:
         sessions = Sessions(security.clients)
-        server = await _prepare(section, security, sessions)
+        server, door = Server(iserver=sessions), Door(sessions)
+        await _prepare(server, section)
+        await security.apply(server, door)
+        await door.guard(server)
         space = Space(server, context)
         await space.build()
+        door.created.add(space.note_subscription)
         (await address.listen(partial(context.missing.__setitem__, section.name))).close()
         server.set_endpoint(_url(address.shown, section.port))
         try:
@@ -75,16 +79,12 @@ async def _run(section: OpcUaSection, security: Security, address: Address, cont
                 await server.stop()
 
 
-async def _prepare(section: OpcUaSection, security: Security, sessions: Sessions) -> Server:
-    """Return a server with its security, which does not listen yet."""
-    server, door = Server(iserver=sessions), Door(sessions)
+async def _prepare(server: Server, section: OpcUaSection) -> None:
+    """Make the standard nodes of a server, and name it."""
     await server.init()
     server.set_endpoint(_url(section.host, section.port))
     server.set_server_name("Beamtouch")
     await server.set_application_uri(APPLICATION)
-    await security.apply(server, door)
-    await door.guard(server)
-    return server
 
 
 async def _end_orphans(sessions: Sessions) -> None:

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import Self
 
 from asyncua import Node, Server, ua
-from asyncua.common.callback import Callback, CallbackType
+from asyncua.common.callback import Callback
 
 from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.opcua.values import Variable, values, variables_of
@@ -24,7 +24,7 @@ _AFTER_LIMIT_S = 1e-3
 
 
 class _Told(ua.DataValue):  # type: ignore[misc]  # mypy skips the types of the library
-    """A value that never changes. Of others, the library makes a copy for each subscriber, which costs the most here."""
+    """A value that never changes. Of others, the library makes a copy for each subscriber, which costs most of all."""
 
     def __deepcopy__(self, _memo: object) -> Self:
         return self
@@ -59,7 +59,6 @@ class Space:
             for name, variable in variables_of(surface).items():
                 await self._add(surface, name, variable, node)
                 await asyncio.sleep(0)  # requests have a turn
-        self._server.subscribe_server_callback(CallbackType.ItemSubscriptionCreated, self._note_subscription)
 
     async def _add(self, surface: Surface, name: str, variable: Variable, node: Node) -> None:
         """Add a variable to the object of its surface."""
@@ -89,7 +88,8 @@ class Space:
             asyncio.get_running_loop().call_soon(self._looks.pop, surface.name)
         return self._looks[surface.name]
 
-    def _note_subscription(self, event: Callback, _service: object) -> None:
+    def note_subscription(self, event: Callback) -> None:
+        """Tell the surfaces of the variables that a client has subscribed to from now on."""
         for item in event.request_params.ItemsToCreate:
             surface, _ = self._variables.get(item.ItemToMonitor.NodeId, (None, ""))
             if surface is not None:
