@@ -18,15 +18,15 @@ from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 from asyncua.ua.ua_binary import struct_from_binary
 
-from beamtouch_common.log import Repeated
+from beamtouch_common.log_lines import Repeated
 from beamtouch_service.surfaces.listeners import Listeners
 
 MAX_CONNECTIONS = 64
 MAX_SUBSCRIPTIONS = 128
 """Of all clients."""
 MAX_ITEMS = 2000
-"""Subscribed variables and sources of events of all clients. While the subscribers of one variable are told, the service
-does nothing else: with this many, some 40 ms."""
+"""Subscribed variables and sources of events of all clients. While the subscribers of one surface are told, the service
+does nothing else: with so many, some 40 ms."""
 MAX_WAITING = 100
 """Values of a variable, events, and messages without acknowledgement that are kept for a subscription."""
 MAX_OPERATIONS = 1000
