@@ -5,11 +5,12 @@ The service answers by this for each sample; `design-sensors explain --zones` fo
 
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, NamedTuple, Self
+from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from beamtouch_common.names import Name
+from beamtouch_common.outline import BEAM_AXIS, Outline, Place, Span
 
 HOLD = 1.32
 """An answer ends once the 95 % interval, widened to this many times its half-widths, no longer shows it: 99 % for a
@@ -32,18 +33,6 @@ class ZoneState(StrEnum):
     """None of its interval is in the zone, or the beam is clear."""
     UNSURE = "unsure"
     """Neither."""
-
-
-class Span(NamedTuple):
-    """A figure with its 95 % interval."""
-
-    middle: float
-    low: float
-    high: float
-
-    def widened(self, times: float) -> tuple[float, float]:
-        """Return the interval whose half-widths are that many times those of this one."""
-        return self.middle - times * (self.middle - self.low), self.middle + times * (self.high - self.middle)
 
 
 class Zone(BaseModel):
@@ -76,21 +65,32 @@ class Zone(BaseModel):
         """True if it states a bound of the force."""
         return self.least_force_n is not None or self.largest_force_n is not None
 
-    def conflict(self, length_mm: float, *, estimates_force: bool) -> str:
-        """Return why a beam of this length, or a model with or without the force, has no such zone; empty if it has."""
-        if self.to_mm > length_mm:
-            return f"to_mm = {self.to_mm:g} is beyond the end of the beam, which is {length_mm:g} mm long"
+    @property
+    def ranges_mm(self) -> dict[str, tuple[float, float]]:
+        """Axis -> first and last coordinate of the zone."""
+        return {BEAM_AXIS: (self.from_mm, self.to_mm)}
+
+    def conflict(self, outline: Outline, *, estimates_force: bool) -> str:
+        """Return why a structure of this outline has no such zone, or a model without the force; empty if it has."""
+        if tuple(self.ranges_mm) != outline.axes:
+            return f"its axis is {', '.join(self.ranges_mm)}, but those of the model are {', '.join(outline.axes)}"
+        for axis, (_, to_mm) in self.ranges_mm.items():
+            if to_mm > outline.lengths_mm[axis]:
+                length_mm = outline.lengths_mm[axis]
+                return f"to_mm = {to_mm:g} is beyond the end of the beam, which is {length_mm:g} mm long"
         if self.has_force and not estimates_force:
             return 'a bound of the force needs a scene with "force" in its descriptors'
         return ""
 
-    def lies(self, position: Span, force: Span | None, length_mm: float, times: float) -> ZoneState:
+    def lies(self, place: Place, force: Span | None, outline: Outline, times: float) -> ZoneState:
         """Return how the interval of a contact, widened to `times` its half-widths, lies to the zone.
 
-        An interval ends with the beam, of this length: a contact is not beyond its ends.
+        An interval ends with the structure: a contact is not beyond its ends.
         """
-        low, high = position.widened(times)
-        axes = [(max(low, 0.0), min(high, length_mm), self.from_mm, self.to_mm)]
+        axes = [
+            (*outline.clip(axis, *place[axis].widened(times)), begin, end)
+            for axis, (begin, end) in self.ranges_mm.items()
+        ]
         if self.has_force and force is None:
             return ZoneState.UNSURE
         if self.has_force and force is not None:
@@ -104,9 +104,9 @@ class Zone(BaseModel):
         return ZoneState.UNSURE
 
 
-def first_conflict(zones: Mapping[str, Zone], length_mm: float, *, estimates_force: bool) -> str:
+def first_conflict(zones: Mapping[str, Zone], outline: Outline, *, estimates_force: bool) -> str:
     """Return the name of the first zone that has a conflict, and the conflict; empty if none has."""
     for name, zone in zones.items():
-        if conflict := zone.conflict(length_mm, estimates_force=estimates_force):
+        if conflict := zone.conflict(outline, estimates_force=estimates_force):
             return f"{name}: {conflict}"
     return ""

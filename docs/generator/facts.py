@@ -9,11 +9,15 @@ from prometheus_client.metrics import MetricWrapperBase
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from beamtouch_common.parts import Parts
+from beamtouch_common.zones import Zone
 from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
 from beamtouch_service.metrics.figures import Figures
+from beamtouch_service.outputs.opcua.values import variables_of
 from beamtouch_service.problems import Kind
 from beamtouch_service.record import Recorder
+from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.surfaces.surface import Surface
 from schemas import table
 
 _MOST_LABELS = 4
@@ -31,6 +35,15 @@ def problems() -> str:
     """Return a table of all problems of the service."""
     rows: list[tuple[str, ...]] = [(f"`{kind.type_uri}`", str(kind.status), kind.title) for kind in Kind]
     return table(("`type`", "`status`", "`title`"), rows)
+
+
+def opcua_variables() -> str:
+    """Return a table of the variables of a surface over OPC UA."""
+    surface = Surface("NAME", section=SurfaceSection(zones={"ZONE": Zone(from_mm=0, to_mm=1)}))
+    rows: list[tuple[str, ...]] = [
+        (f"`{name}`", variable.kind.name, variable.meaning) for name, variable in variables_of(surface).items()
+    ]
+    return table(("variable", "type", "value"), rows)
 
 
 def metrics() -> str:

@@ -23,7 +23,7 @@ from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_service.config import ConfigFile
 from beamtouch_service.problems import ProblemBody
 from beamtouch_service.samples import Batch
-from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.fields import Contact
 from helps import helps_as_markdown, registers
 from project import ROOT
 from schemas import keys_as_markdown
@@ -81,6 +81,7 @@ _PARTS: Mapping[str, Callable[[], str]] = (
     | {
         "commands": helps_as_markdown,
         "metrics": facts.metrics,
+        "opcua-variables": facts.opcua_variables,
         "problems": facts.problems,
         "promises": promises.as_markdown,
         "python": python_interface,

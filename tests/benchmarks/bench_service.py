@@ -49,7 +49,7 @@ async def app(scope, receive, send):
 """
 PLAIN = """
 from fastapi import FastAPI
-from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.fields import Contact
 
 CONTACT = Contact.model_validate_json(sys.argv[1])
 app = FastAPI()

@@ -2,7 +2,8 @@
 
 import pytest
 
-from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
+from beamtouch_common.outline import BEAM_AXIS, Outline, Span
+from beamtouch_common.zones import BEGIN, Zone, ZoneState
 from support.surfaces.zone_cases import GATE, I, O, U, at
 
 PRESSED = Zone(from_mm=120, to_mm=200, least_force_n=5, largest_force_n=15)
@@ -41,4 +42,4 @@ LENGTH_MM = 400.0
     ],
 )
 def test_an_interval_lies_to_a_zone(zone: Zone, position: Span, force: Span | None, lies: ZoneState) -> None:
-    assert zone.lies(position, force, LENGTH_MM, BEGIN) is lies
+    assert zone.lies({BEAM_AXIS: position}, force, Outline.of_beam(LENGTH_MM), BEGIN) is lies

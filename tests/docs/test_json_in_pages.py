@@ -11,7 +11,7 @@ from beamtouch_service.api.events import EventList, EventWithPath
 from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces import problems
 from beamtouch_service.surfaces.channels import ChannelHealth
-from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.fields import Contact
 from support.pages.pasted import ROOT, blocks_of
 
 PAGES = [str(page.relative_to(ROOT)) for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))]

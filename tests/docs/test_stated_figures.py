@@ -78,6 +78,8 @@ BENCH = read_scene(ROOT / "models" / "scenes" / "bench.toml")
 OFTEN = {1: "one false stretch of `unexplained` in a day", 0.5: "one in two days"}
 """How often a day, in words."""
 ZONES = next(register.offset for register in REGISTERS if register.name == "zones")
+LAST = ZONES + MAX_ZONES
+"""Last register of the zones."""
 CONVERSION_US, OVERHEAD_US = (
     int(re.findall(rf"#define {name} (\d+)", (ROOT / "firmware_protocol" / "avr" / "config.h").read_text())[0])
     for name in ("CONVERSION_US", "SCAN_OVERHEAD_US")
@@ -227,7 +229,7 @@ STATED = {
         f"identity {identity('strip')}, heartbeat",
         f"Bit {Note.DEGRADED.bit} of `notes`, `degraded`",
         f"from `state` {PROBLEMS} on",
-        f"reads offsets 0 to {BLOCK - 2}",
+        f"reads offsets 0 to {LAST}",
     ],
     "docs/how-to/troubleshooting.md": [
         f"`state` {code(Kind.STALE)} (`no-samples`: {code(Kind.NO_SAMPLES)})",
@@ -297,11 +299,12 @@ STATED = {
         f"`no-samples`, and {code(Kind.STALE)}, `stale`",
         f"All other states from {PROBLEMS} on",
         f"so take 16#{DOUBTFUL & ~(1 << Note.UNCHECKED.bit):04X} for `doubtful` there",
-        f"Read offsets 0 to {ZONES - 1} in one request, or 0 to {BLOCK - 2} with zones",
-        f"Read offsets 0 to {BLOCK - 2} of the block into `w : ARRAY[0..{BLOCK - 2}] OF WORD`",
+        f"Read offsets 0 to {ZONES - 1} in one request, or 0 to {LAST} with zones",
+        f"Read offsets 0 to {LAST} of the block into `w : ARRAY[0..{LAST}] OF WORD`",
         f"without zones, 0 to {ZONES - 1}",
         f"the numbers 1 to {MAX_ZONES}",
-        f"**Register {BLOCK - 1}** of a block reads as 0, and so do {ZONES} to {BLOCK - 2} without zones",
+        f"**Registers {LAST + 1} and {BLOCK - 4} to {BLOCK - 1}** of a block read as 0",
+        f"and so do {ZONES} to {LAST} without zones",
         f"w[0] = {identity('press-7')} (* the identity of press-7",
         f"REAL_OF(w[20], w[21]) = {CONSTANT};",
         f"**NaN** is 16#{struct.pack('>f', math.nan).hex().upper()}",

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
+from beamtouch_common.outline import BEAM_AXIS, Outline, Span
+from beamtouch_common.zones import BEGIN, Zone, ZoneState
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
@@ -43,7 +44,9 @@ def test_the_band_ends_with_the_contacts(edge_mm: float) -> None:
     samples = clean + random.normal(size=clean.shape) * deviation
     spans = posterior_quantiles(prior, samples, np.tile((0.5, 0.025, 0.975), (4000, 1)))[0]
     zone = Zone(from_mm=edge_mm, to_mm=100.0)
-    unsure = np.array([zone.lies(Span(*one), None, 100.0, BEGIN) is ZoneState.UNSURE for one in spans.tolist()])
+    outline = Outline.of_beam(100.0)
+    lies = [zone.lies({BEAM_AXIS: Span(*span)}, None, outline, BEGIN) for span in spans.tolist()]
+    unsure = np.array([one is ZoneState.UNSURE for one in lies])
     assert band_at(prior, edge_mm, 1).width_mm == pytest.approx(
         100 * unsure.mean(), abs=3 * 100 * unsure.std() / 4000**0.5
     )

@@ -2,6 +2,7 @@
 
 import pytest
 
+from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
 from service.bench import FIGURES, START_US, Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING
 
@@ -55,9 +56,9 @@ def test_figures_are_rounded_and_there_are_none_on_a_beam_at_rest(bench: Bench) 
 
 @pytest.mark.promise("docs/reference/contact.md", "Null without a contact, or if the model does not estimate force.")
 def test_a_model_without_force_gives_null_for_it() -> None:
-    bench = Bench(surface_of(outputs=("position_mm", "contact_log_odds")))
+    bench = Bench(surface_of(outputs=POSITION_OUTPUTS))
     bench.send(TOUCHING)
-    assert [bench.contact()[name] for name in FIGURES] == [150.0, None, None, None, None, None]
+    assert [bench.contact()[name] for name in FIGURES] == [150.0, 149.0, 151.0, None, None, None]
 
 
 @pytest.mark.promise("docs/reference/contact.md", "Channels that took no part; empty if the quality is good.")

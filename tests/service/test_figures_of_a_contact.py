@@ -5,33 +5,27 @@ from math import inf, nan
 import numpy as np
 import pytest
 
-from beamtouch_common.zones import Span
+from beamtouch_common.outline import Outline, Span
 from beamtouch_models.runtime import Evidence
 from beamtouch_service.surfaces.contact import (
-    NO_FIGURES,
-    Figures,
     UnusableEstimateError,
     figures_of,
     require_usable,
     rfc3339,
 )
 
-LENGTH_MM = 400.0
+BEAM = Outline.of_beam(400.0)
 
 
 def answer(position_mm: float, low_mm: float, high_mm: float, **more: float) -> dict[str, float]:
     return {"position_mm": position_mm, "position_low_mm": low_mm, "position_high_mm": high_mm} | more
 
 
-def test_figures_have_four_decimals_and_spans() -> None:
+def test_figures_have_four_decimals() -> None:
     force = {"force_n": 2.00004, "force_low_n": 1.00006, "force_high_n": 3.0, "misfit": 9.0}
-    figures = figures_of(answer(100.00005001, 99.0, 101.0, **force), LENGTH_MM)
-    assert list(figures) == [100.0001, 99.0, 101.0, 2.0, 1.0001, 3.0]
-    assert (figures.position, figures.force) == (Span(100.0001, 99.0, 101.0), Span(2.0, 1.0001, 3.0))
-    without = figures_of(answer(100.0, 99.0, 101.0), LENGTH_MM)
-    assert (without.force_n, without.force) == (None, None)
-    assert (NO_FIGURES.position, NO_FIGURES.force) == (None, None)
-    assert Figures(1.0, None, 2.0).position is Figures(1.0, 0.0, None).position is None
+    figures = figures_of(answer(100.00005001, 99.0, 101.0, **force), BEAM)
+    assert figures == ({"position": Span(100.0001, 99.0, 101.0)}, Span(2.0, 1.0001, 3.0))
+    assert figures_of(answer(100.0, 99.0, 101.0), BEAM).force is None
 
 
 @pytest.mark.parametrize(
@@ -46,25 +40,36 @@ def test_figures_have_four_decimals_and_spans() -> None:
 def test_an_interval_must_meet_the_beam(position_mm: float, low_mm: float, high_mm: float, is_served: bool) -> None:
     stated = answer(position_mm, low_mm, high_mm)
     if is_served:
-        assert figures_of(stated, LENGTH_MM).position_mm == position_mm
+        assert figures_of(stated, BEAM).place["position"].middle == position_mm
     else:
         with pytest.raises(UnusableEstimateError, match=f"^position_mm is {position_mm:g}, off a beam of 400 mm$"):
-            figures_of(stated, LENGTH_MM)
+            figures_of(stated, BEAM)
 
 
-@pytest.mark.parametrize(("position_mm", "is_served"), [(0.0, True), (-0.1, False), (400.0, True), (400.1, False)])
-def test_a_place_without_an_interval_must_lie_on_the_beam(position_mm: float, is_served: bool) -> None:
+PLATE = Outline({"x": 400.0, "y": 300.0})
+
+
+@pytest.mark.parametrize(("y_mm", "is_served"), [(0.0, True), (301.0, True), (301.1, False), (-1.1, False)])
+def test_an_interval_must_meet_a_plate_along_each_axis(y_mm: float, is_served: bool) -> None:
+    stated = {"x_mm": 350.0, "x_low_mm": 349.0, "x_high_mm": 351.0}
+    stated |= {"y_mm": y_mm, "y_low_mm": y_mm - 1, "y_high_mm": y_mm + 1}
     if is_served:
-        assert figures_of({"position_mm": position_mm}, LENGTH_MM).position_mm == position_mm
+        place = {"x": Span(350.0, 349.0, 351.0), "y": Span(y_mm, y_mm - 1, y_mm + 1)}
+        assert figures_of(stated, PLATE).place == place
     else:
-        with pytest.raises(UnusableEstimateError, match="off a beam of 400 mm"):
-            figures_of({"position_mm": position_mm}, LENGTH_MM)
+        with pytest.raises(UnusableEstimateError, match=f"^y_mm is {y_mm:g}, off a plate of 400 by 300 mm$"):
+            figures_of(stated, PLATE)
+
+
+def test_no_figure_is_served_without_its_interval() -> None:
+    with pytest.raises(UnusableEstimateError, match=r"^position_low_mm is not a finite number$"):
+        figures_of({"position_mm": 100.0}, BEAM)
 
 
 @pytest.mark.parametrize("value", [nan, inf, -inf])
 def test_what_is_no_number_is_named(value: float) -> None:
     with pytest.raises(UnusableEstimateError, match=r"^force_low_n is not a finite number$"):
-        figures_of(answer(1.0, 0.0, 2.0, force_n=1.0, force_low_n=value), LENGTH_MM)
+        figures_of(answer(1.0, 0.0, 2.0, force_n=1.0, force_low_n=value), BEAM)
 
 
 def test_a_time_has_milliseconds_and_is_cut_rather_than_rounded() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beamtouch_common.zones import Span
+from beamtouch_common.outline import Span
 from beamtouch_models.runtime import Evidence, State, Weighed
 from beamtouch_service.record.events.load import Load, Sighting, sighting_of
 from beamtouch_service.samples import Sample
@@ -194,7 +194,7 @@ def test_a_lift_is_at_the_first_clear_reading(bench: Bench) -> None:
     assert event["dwell_ms"] == 465.0
 
 
-def decision_of(log_odds: float, readings: int | None, figures: Figures) -> Decision:
+def decision_of(log_odds: float, readings: int | None, figures: Figures | None) -> Decision:
     """Return the decision on a sample of the three of four channels that took part."""
     sample = Sample.model_validate(
         {"sequence": 1, "acquired_unix_us": 1_000_000, "deflection_mm": [0.5] * 4, "quality": ["good"] * 4}
@@ -207,7 +207,7 @@ def decision_of(log_odds: float, readings: int | None, figures: Figures) -> Deci
     return Decision(estimate, State.CONTACT, State.CONTACT, is_certain=True, figures=figures)
 
 
-PLACE = Figures(150.0, 149.0, 151.0)
+PLACE = Figures({"position": Span(150.0, 149.0, 151.0)})
 TOUCH = [1.0, 2.0, 3.0, 4.0]
 """Log odds above which a sample of one to four channels shows a contact."""
 
@@ -220,12 +220,10 @@ def test_a_sample_shows_a_contact_above_the_threshold_for_its_channels() -> None
 
 @pytest.mark.parametrize(("readings", "begin_us"), [(None, 1_000_000.0), (1, 1_000_000.0), (3, 990_000.0)])
 def test_a_sample_begins_with_its_first_reading(readings: int | None, begin_us: float) -> None:
-    seen = sighting_of(
-        decision_of(9.0, readings, PLACE._replace(force_n=5.0, force_low_n=4.0, force_high_n=6.0)), TOUCH, 5000.0
-    )
+    seen = sighting_of(decision_of(9.0, readings, PLACE._replace(force=Span(5.0, 4.0, 6.0))), TOUCH, 5000.0)
     assert seen is not None
     assert (seen.begin_us, seen.spans[1]) == (begin_us, Span(5.0, 4.0, 6.0))
 
 
 def test_a_sample_without_a_place_sees_nothing() -> None:
-    assert sighting_of(decision_of(9.0, None, Figures()), TOUCH, 5000.0) is None
+    assert sighting_of(decision_of(9.0, None, None), TOUCH, 5000.0) is None

@@ -171,7 +171,7 @@ model = "press-7.onnx"
 @pytest.mark.promise(
     "docs/reference/registers.md",
     (
-        "The first surface of the configuration has addresses 0 to 49, the second 50 to 99, and so on, in the order "
+        "The first surface of the configuration has addresses 0 to 59, the second 60 to 119, and so on, in the order "
         "of the sections `[surfaces.NAME]` in the file."
     ),
 )
@@ -184,9 +184,9 @@ def test_the_command_lists_the_blocks_of_a_configuration(tmp_path: Path, capsys:
     found = json.loads(capsys.readouterr().out)
     assert found["surfaces"] == [
         {"surface": "press-7", "address": 0, "identity": 7881},
-        {"surface": "a-press", "address": 50, "identity": 41422},
+        {"surface": "a-press", "address": 60, "identity": 41422},
     ]
-    assert (found["function"], found["registers_per_surface"], found["word_order"]) == (4, 50, "little")
+    assert (found["function"], found["registers_per_surface"], found["word_order"]) == (4, 60, "little")
     assert [one["name"] for one in found["registers"]] == [one.name for one in REGISTERS]
     assert (found["states"]["contact"], found["states"]["stale"], found["notes"]["rate"]) == (2, 18, 3)
-    assert "| `a-press` | 50 to 99  | 41422    |\n\nWord order: little." in text
+    assert "| `a-press` | 60 to 119 | 41422    |\n\nWord order: little." in text

@@ -130,7 +130,7 @@ def test_a_certificate_that_will_not_do(refused: Callable[..., str], certificate
 URL = "postgresql://beamtouch:not-for-the-log@db/beamtouch"
 BROKER = '[mqtt]\nhost = "b"\n'
 ZONES = "".join(f"[surfaces.a.zones.z{number}]\nfrom_mm = 0\nto_mm = 9\n" for number in range(7))
-SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
+SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1093))
 
 
 @pytest.mark.promise("docs/how-to/mqtt.md", "`[mqtt]` is refused together with `events.url`")
@@ -152,7 +152,7 @@ SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1311))
         (f"[events]\nurl = '{URL}'\n{BROKER}", "as each service would send the events of all"),
         (f"[events]\nurl = '{URL}'\n[opcua]\n", "as each service would send the events of all"),
         ("[modbus_server]\nword_order = 'middle'\n", "modbus_server.word_order"),
-        (f"[modbus_server]\nport = 0\n{SURFACES}\n", "the addresses of Modbus hold 1310 surfaces, but there are 1311"),
+        (f"[modbus_server]\nport = 0\n{SURFACES}\n", "the addresses of Modbus hold 1092 surfaces, but there are 1093"),
         (ZONES, "surfaces.a.zones: must have at most 6"),
         ('[opcua]\ncertificate_file = "a.pem"\n', "key_file is missing"),
         ('[opcua]\ntrusted_folder = "clients"\n', "trusted_folder has no effect"),

@@ -11,7 +11,7 @@ from beamtouch_service.api.events import Event
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.problems import MEDIA_TYPE, Kind
 from beamtouch_service.samples import MAX_SAMPLES, Batch
-from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.fields import Contact
 from beamtouch_service.surfaces.pace import Pace
 from service.bench import Bench, batch_of, kind, surface_of, surface_with
 from support.surfaces.small_model import model_of

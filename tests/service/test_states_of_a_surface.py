@@ -13,10 +13,10 @@ from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Quality
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.channels import ChannelHealth, SurfaceHealth
+from beamtouch_service.surfaces.fields import members_of
 from beamtouch_service.surfaces.pace import Pace
 from beamtouch_service.surfaces.registry import Registry
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.view import contact_of
 from service.bench import parsed, surface_of, surface_with
 from service.event_story import ODD, RESTING, TOUCHING
 from support.surfaces.small_model import model_of
@@ -69,7 +69,7 @@ def test_a_state_has_the_contact_or_the_problem_with_the_scale_of_the_misfit() -
     surface.receive(parsed(TOUCHING, sequence=7, age_ms=12.34), NOW_S)
     state = told(surface, NOW_S + 0.1)
     assert (state["problem"], state["misfit_limit"], state["age_ms"], state["sequence"]) == (None, 30.0, 112.3, 7)
-    contact = contact_of(surface.view(NOW_S + 0.1)).model_dump(mode="json")
+    contact = members_of(surface.view(NOW_S + 0.1))
     assert (state["contact"], state["length_mm"]) == (contact, 400.0)
     bare = told(surface_with(None))
     assert (bare["length_mm"], bare["channels"], bare["contact"]) == (None, [], None)
@@ -196,8 +196,8 @@ def test_what_a_technician_must_come_for_is_no_reason_for_others() -> None:
     surface.receive(parsed(*[TOUCHING] * 2, quality=["good", "stuck", "good"]), NOW_S)
     view = surface.view(NOW_S)
     assert view.notes == ["degraded", "unchecked"]
-    contact = contact_of(view)
-    assert (contact.quality, contact.degraded_channels) == ("degraded", ["s2"])
+    contact = members_of(view)
+    assert (contact["quality"], contact["degraded_channels"]) == ("degraded", ["s2"])
     found = [surface.view(NOW_S).problem, surface.find_fault(NOW_S)]
     assert [problem and problem.kind for problem in found] == [None, Kind.CHANNELS_OUT]
     surface.adopt(model_of("other"))  # it may have other channels
@@ -227,7 +227,7 @@ def test_a_misfit_has_two_decimals() -> None:
     surface.receive(parsed([0.5, 0.25, 0.251234]), NOW_S)
     view = surface.view(NOW_S)
     assert (view.misfit, view.misfit_limit) == (1.23, 30.0)
-    assert contact_of(view).misfit == 1.23
+    assert members_of(view)["misfit"] == 1.23
 
 
 CHANGED = ChannelHealth(

@@ -4,7 +4,7 @@ from typing import NamedTuple, TypedDict, Unpack
 
 import pytest
 
-from beamtouch_common.zones import Span
+from beamtouch_common.outline import Span
 from beamtouch_service.record.events.load import MAX_STAYS, Load, Sighting, Stay
 
 STEP_US = 5000

@@ -5,6 +5,7 @@ from typing import Literal
 
 import pytest
 
+from beamtouch_common.outline import BEAM_AXIS, Outline
 from beamtouch_common.zones import Zone, ZoneState
 from beamtouch_service.surfaces.zones import ZoneEvidence, ZoneFollower, ZoneReport
 from support.surfaces.zone_cases import GATE, I, O, U, at
@@ -69,7 +70,7 @@ STORIES: dict[str, tuple[Zone, list[Step], list[ZoneState | None], int]] = {
 def follower_of(zone: Zone, former: ZoneFollower | None = None) -> ZoneFollower:
     """Return the follower of a zone, which goes on from the memory of a former one."""
     memory = json.loads(json.dumps(former.memory)) if former else None
-    return ZoneFollower({"gate": zone}, LENGTH_MM, HOLD_US, memory)
+    return ZoneFollower({"gate": zone}, Outline.of_beam(LENGTH_MM), HOLD_US, memory)
 
 
 def reports_of(zone: Zone, story: list[Step], *, restarts: bool = False) -> list[ZoneReport]:
@@ -79,8 +80,8 @@ def reports_of(zone: Zone, story: list[Step], *, restarts: bool = False) -> list
         at_us += passed_us
         if more > 1:
             follower.miss()
-        position = at(what) if isinstance(what, float | int) else None
-        found.append(follower.step(ZoneEvidence(at_us, what == "clear", position)))
+        place = {BEAM_AXIS: at(what)} if isinstance(what, float | int) else None
+        found.append(follower.step(ZoneEvidence(at_us, what == "clear", place)))
         follower = follower_of(zone, follower) if restarts else follower
     return found
 
@@ -115,8 +116,8 @@ def test_the_dwell_is_part_of_the_time_inside() -> None:
 def test_a_zone_that_is_defined_anew_begins_anew() -> None:
     follower = follower_of(SLOW)
     for at_us in range(0, 25_000, STEP_US):
-        report = follower.step(ZoneEvidence(at_us, position=at(150)))
+        report = follower.step(ZoneEvidence(at_us, place={BEAM_AXIS: at(150)}))
     assert report.answers == {"gate": I}
-    seen = ZoneEvidence(25_000, position=at(150))
+    seen = ZoneEvidence(25_000, place={BEAM_AXIS: at(150)})
     assert follower_of(SLOW.model_copy(update={"from_mm": 110.0}), follower).step(seen).answers == {"gate": U}
     assert follower_of(SLOW, follower).step(seen).answers == {"gate": I}

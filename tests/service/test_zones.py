@@ -182,7 +182,7 @@ def test_the_register_map_says_where_each_zone_is(tmp_path: Path, capsys: pytest
     path.write_text(f"[surfaces.press-6]\n[surfaces.press-7]\n{zones}")
     assert cli.main(["registers", "--config", str(path)]) == 0
     printed = capsys.readouterr().out
-    assert "| `press-7` | 2    | `end`  | bits 2 and 3 of address 92 are both set | address 94 |" in printed
+    assert "| `press-7` | 2    | `end`  | bits 2 and 3 of address 102 are both set | address 104 |" in printed
 
 
 @pytest.mark.promise(

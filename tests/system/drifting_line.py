@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from beamtouch_common.outline import BEAM_AXIS
 from beamtouch_daemon.config.settings import Surface as Settings
 from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
@@ -173,17 +174,17 @@ class Line:
         elif press.begin_s + SETTLED_S <= at_s <= press.end_s - SETTLED_S:
             said.under_contact[decision.state] += 1
             figures = decision.figures
-            mm, low, high = figures.position_mm, figures.position_low_mm, figures.position_high_mm
-            if mm is None or low is None or high is None:
+            if figures is None:
                 return
+            mm, low, high = figures.place[BEAM_AXIS]
             said.seen.add(index)
             said.interval_mm.append(high - low)
             if not notes:
                 half_mm = high - mm if press.position_mm > mm else mm - low
                 said.wrong |= {index} if abs(mm - press.position_mm) > 2 * half_mm else set()
                 said.held.append(low <= press.position_mm <= high)
-                if figures.force_low_n is not None and figures.force_high_n is not None:
-                    said.held.append(figures.force_low_n <= press.force_n <= figures.force_high_n)
+                if figures.force:
+                    said.held.append(figures.force.low <= press.force_n <= figures.force.high)
 
     def _record(self, said: Said, course: Course) -> None:
         """Let the record and the health of the sensors follow."""

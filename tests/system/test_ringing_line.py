@@ -7,6 +7,7 @@ from itertools import count
 
 import numpy as np
 
+from beamtouch_common.outline import BEAM_AXIS
 from beamtouch_daemon.config.settings import Surface as Config
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
@@ -98,7 +99,7 @@ def test_no_contact_on_a_reading_or_two_is_sure_of_itself_while_a_module_pauses_
     held = [
         position.low <= (moment.load.position_mm or 0.0) <= position.high
         for moment, view in touched
-        if (position := view.figures.position)
+        if (position := view.place.get(BEAM_AXIS))
     ]
     assert len(held) > 200
     assert np.mean(held) > 0.95

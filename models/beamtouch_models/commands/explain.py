@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml
+from beamtouch_common.outline import Outline
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.effort import Effort
@@ -105,7 +106,7 @@ def _load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
     """Read zones; InputError if the file is wrong, or a zone is none of the scene's surface."""
     zones = load_toml(_File, path).zones
     estimates_force = "force" in scene.requirements.descriptors
-    if conflict := first_conflict(zones, scene.beam.length_mm, estimates_force=estimates_force):
+    if conflict := first_conflict(zones, Outline.of_beam(scene.beam.length_mm), estimates_force=estimates_force):
         raise InputError(f"{path}: zones.{conflict}")
     least_n, most_n = scene.contact.force_range_n
     for name, zone in zones.items():

@@ -4,11 +4,12 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 
 from beamtouch_common.digits import digits
+from beamtouch_common.outline import names_of
 from beamtouch_common.table import in_columns
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import rounded, with_error
 from beamtouch_models.runtime.force_range import ForceRange
-from beamtouch_models.runtime.metadata import POSITION_OUTPUTS, Metadata
+from beamtouch_models.runtime.metadata import EVIDENCE_OUTPUTS, Metadata
 
 SOUGHT: dict[Criterion, str] = {
     "position-error": "the least position error",
@@ -34,7 +35,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     best = with_error(accuracy.limit_percent * mm, accuracy.limit_standard_error * mm, unit=" mm")
     share = rounded(accuracy.error_percent, accuracy.error_standard_error)
     ratio = with_error(accuracy.ratio, accuracy.ratio_standard_error)
-    lacks, floor = ", ".join(lacking(outputs)), metadata.floor
+    lacks, floor = ", ".join(lacking(metadata, outputs)), metadata.floor
     bends = f"bends by up to {digits(metadata.max_deflection_mm, 3)} mm"
     rows = [
         ("model", f"{identity}, estimator {metadata.estimator}, seed {metadata.seed}"),
@@ -91,9 +92,10 @@ def answers(metadata: Metadata) -> dict[str, list[str]]:
     return {kind: errors for kind, errors in kinds.items() if errors}
 
 
-def lacking(outputs: Sequence[str]) -> list[str]:
-    """Return the outputs of position, interval, log odds of contact and misfit that a graph does not have."""
-    return [name for name in POSITION_OUTPUTS if name not in outputs]
+def lacking(metadata: Metadata, outputs: Sequence[str]) -> list[str]:
+    """Return the outputs of place, interval, log odds of contact and misfit that a graph does not have."""
+    places = [name for axis in metadata.axes for name in names_of(axis, "mm")]
+    return [name for name in (*places, *EVIDENCE_OUTPUTS) if name not in outputs]
 
 
 def _several(values: list[float], factor: float, unit: str) -> str:

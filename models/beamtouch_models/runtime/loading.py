@@ -55,7 +55,7 @@ class ModelFile:
     @property
     def lacks(self) -> list[str]:
         """Outputs that are missing: interval, log odds of contact, misfit."""
-        return description.lacking(self.outputs)
+        return description.lacking(self.metadata, self.outputs)
 
     def summary(self) -> str:
         """Return the metadata as text, each number with its unit and reference."""
@@ -148,8 +148,9 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
         model = ModelFile(metadata, f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}", graph)
         if graph.inputs != INPUTS:
             raise ModelFileError(f"inputs {', '.join(graph.inputs)}; expected {', '.join(INPUTS)}")
-        if "position_mm" not in graph.outputs:
-            raise ModelFileError("output position_mm is missing")
+        for axis in metadata.axes:
+            if f"{axis}_mm" not in graph.outputs:
+                raise ModelFileError(f"output {axis}_mm is missing")
         _check_golden(model)
     except GraphError as error:
         reason, why = "damaged or not an ONNX file", "" if "INVALID_PROTOBUF" in str(error) else f" ({error})"

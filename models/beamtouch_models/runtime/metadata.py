@@ -19,17 +19,24 @@ from pydantic import (
 from beamtouch_common.complaints import reason_of
 from beamtouch_common.digits import rounded
 from beamtouch_common.names import Name
+from beamtouch_common.outline import BEAM_AXIS, Outline, names_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.names import Criterion
 
 Deviation = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
+Axis = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]{0,15}$")]
+"""Name of an axis, which begins the names of its figures."""
 PositivePair = Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False)]
 
 INPUTS = ("deflection_mm", "whitening_per_mm")
-POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds", "misfit")
-FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
+EVIDENCE_OUTPUTS = ("contact_log_odds", "misfit")
+
+
+POSITION_OUTPUTS = (*names_of(BEAM_AXIS, "mm"), *EVIDENCE_OUTPUTS)
+"""Outputs of a beam."""
+FORCE_OUTPUTS = names_of("force", "n")
 SCHEMA_VERSION: Literal[5] = 5
 METADATA_PREFIX = "beamtouch."
 THIS_FILE = "MODEL.onnx"
@@ -320,6 +327,11 @@ class Metadata(MetadataPart):
     """Identity of the beam with its layout: the same for every model of it, calibrated or not."""
     estimator: str
     length_mm: PositiveFloat
+    """Length of the first axis."""
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=2)] = [BEAM_AXIS]
+    """Names of the axes of a place. An output of place is named after its axis, as `position_mm` or `x_low_mm`."""
+    width_mm: PositiveFloat | None = None
+    """Length of the second axis; None on a beam."""
     layout: Annotated[list[Channel], Field(min_length=1)]
     """In input order."""
     min_channels: int = Field(ge=1)
@@ -352,6 +364,8 @@ class Metadata(MetadataPart):
             raise ValueError("layout: two channels have the same name")
         if self.min_channels > len(names):
             raise ValueError(f"min_channels: {self.min_channels} of {len(names)} channels")
+        if len(set(self.axes)) != len(self.axes) or len(self.axes) != (1 if self.width_mm is None else 2):
+            raise ValueError(f"axes: {', '.join(self.axes)}, with width_mm = {self.width_mm}; only two axes have one")
         golden, limits = self.golden, self.thresholds
         without, uncertain = self.placed.limit_without_percent, self.placed.limit_without_standard_error
         departures = self.calibration.departures if self.calibration else None
@@ -375,6 +389,12 @@ class Metadata(MetadataPart):
     def layout_mm(self) -> Floats:
         """Positions of the sensors (channels,) in mm from the left end, in input order."""
         return np.array([channel.position_mm for channel in self.layout])
+
+    @property
+    def outline(self) -> Outline:
+        """The axes with their lengths."""
+        lengths_mm = [self.length_mm] if self.width_mm is None else [self.length_mm, self.width_mm]
+        return Outline(dict(zip(self.axes, lengths_mm, strict=True)))
 
     @property
     def departures(self) -> Departures:

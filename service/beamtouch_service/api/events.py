@@ -19,6 +19,7 @@ from fastapi import Path as PathParameter
 from fastapi import Query, Request, Response
 from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
+from beamtouch_common.outline import BEAM_AXIS, names_of
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
@@ -39,9 +40,10 @@ from beamtouch_service.record import (
 )
 from beamtouch_service.record import Event as RecordedEvent
 from beamtouch_service.samples import SurfaceName
-from beamtouch_service.surfaces.contact import ContactQuality, Figures, rfc3339
+from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 
 _CSV, _JSON = "text/csv", "application/json"
+_OF_STAY = (*names_of(BEAM_AXIS, "mm"), *names_of("force", "n"))
 _DECIMALS = 10
 """Decimals of lengths in mm, as CSV."""
 _MAX_LIMIT = 1000
@@ -236,7 +238,7 @@ def _path(recorded: RecordedEvent) -> list[dict[str, Any]]:
         {
             "at": rfc3339(recorded.touched_us + round(since_us)),
             "lasts_ms": round(lasts_us / 1e3, 3),
-            **dict(zip_longest(Figures._fields, spans)),
+            **dict(zip_longest(_OF_STAY, spans)),
             "unsteady": bool(is_unsteady),
         }
         for since_us, lasts_us, is_unsteady, *spans in recorded.path

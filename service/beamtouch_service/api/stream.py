@@ -17,9 +17,10 @@ from starlette.types import Receive, Scope, Send
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery
+from beamtouch_service.surfaces.fields import members_of
 from beamtouch_service.surfaces.pace import Pace
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.view import View, contact_of
+from beamtouch_service.surfaces.view import View
 from beamtouch_service.surfaces.watch import Watch
 
 MEDIA_TYPE = "text/event-stream"
@@ -36,7 +37,7 @@ def state_of(view: View) -> dict[str, Any]:
     """Return the data of an event `state`: a contact or the problem that prevents it, and the channels."""
     return {
         "surface": view.surface,
-        "contact": None if view.problem else contact_of(view).model_dump(mode="json"),
+        "contact": None if view.problem else members_of(view),
         "problem": view.problem and view.problem.body(),
         "misfit_limit": view.misfit_limit,
         "age_ms": view.age_ms,

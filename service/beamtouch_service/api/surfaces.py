@@ -11,12 +11,11 @@ from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of
 from beamtouch_service.problems import ProblemBody, ProblemError
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
-from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.fields import Contact, encode
 from beamtouch_service.surfaces.model_description import ModelDescription, describe_model
 from beamtouch_service.surfaces.order import SampleCounts
 from beamtouch_service.surfaces.problems import no_model
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.view import contact_of
 
 contact_router = gate.make_router("contact", Role.READ)
 router = gate.make_router("surfaces", Role.READ)
@@ -91,9 +90,10 @@ async def get_surface_contact(request: Request, name: SurfaceInPath) -> Response
 
 
 def _contact(context: Context, name: str | None) -> Response:
-    contact = contact_of(context.registry.chosen(name).view(context.clock()))
-    context.counts.contacts.labels(contact.surface, contact.state.value).inc()
-    return Response(contact.model_dump_json(), media_type="application/json")
+    view = context.registry.chosen(name).view(context.clock())
+    content = encode(view)
+    context.counts.contacts.labels(view.surface, str(view.state)).inc()
+    return Response(content, media_type="application/json")
 
 
 @router.get("/surfaces")

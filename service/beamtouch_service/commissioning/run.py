@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamtouch_common.outline import BEAM_AXIS
 from beamtouch_models.runtime import InfluenceCurve, Metadata, ModelFile, State
 from beamtouch_service.commissioning.pressing import HOLD_US, Floats, Movement, PressFinder, Stage
 from beamtouch_service.commissioning.report import Finding, PlaceResult, Report, SensorResult
@@ -21,13 +22,13 @@ from beamtouch_service.commissioning.verdict import (
 )
 from beamtouch_service.commissioning.wiring import Explanation, Press, explain
 from beamtouch_service.samples import Quality, Sample
-from beamtouch_service.surfaces.contact import NO_FIGURES, Figures, rfc3339
+from beamtouch_service.surfaces.contact import Figures, rfc3339
 
 PLACES = 3
 """Number of marked places, spread over the range of contacts."""
 _WELL_SEEN = 0.25
 """A mark is where a force of at most this part of the largest one is seen: a support holds the beam."""
-_STATED = ("position_mm", "position_low_mm", "position_high_mm", "force_n")
+_STATED = ("position_mm", "position_low_mm", "position_high_mm")
 _MM_DIGITS, _SHARE_DIGITS, _FORCE_DIGITS = 5, 3, 2
 
 
@@ -35,7 +36,7 @@ class PressDecision(NamedTuple):
     """The surface's decision on a sample of a press."""
 
     state: State | None
-    figures: Figures = NO_FIGURES
+    figures: Figures | None = None
     reason: str = ""
     """Why there is no state."""
 
@@ -182,7 +183,8 @@ class CommissioningRun:
 
     def _take_place(self, seen: PressDecision) -> None:
         index = self.step - len(self.report.sensors)
-        stated = {name: getattr(seen.figures, name) for name in _STATED}
+        position, force = (seen.figures.place[BEAM_AXIS], seen.figures.force) if seen.figures else (None, None)
+        stated = dict(zip(_STATED, position or (None, None, None), strict=True)) | {"force_n": force and force.middle}
         place = self.report.places[index].model_copy(update={"state": seen.state, **stated})
         self.report.places[index] = judge_place(place, seen.reason)
 

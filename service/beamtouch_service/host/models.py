@@ -102,8 +102,8 @@ class ModelKeeper:
 
     def zone_conflict(self, model: ModelFile) -> str:
         """Return the first zone of the surface that a model cannot answer for, and why; empty if there is none."""
-        length_mm, estimates_force = model.metadata.length_mm, "force_n" in model.outputs
-        return first_conflict(self.surface.section.zones, length_mm, estimates_force=estimates_force)
+        estimates_force = "force_n" in model.outputs
+        return first_conflict(self.surface.section.zones, model.metadata.outline, estimates_force=estimates_force)
 
     def _mismatch(self, model: ModelFile) -> str:
         """Return why a model does not fit the samples that arrive; empty if it does.

@@ -21,7 +21,6 @@ from beamtouch_service.problems import Problem
 from beamtouch_service.samples import Batch, Note, Sample
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.contact import (
-    NO_FIGURES,
     Figures,
     UnusableEstimateError,
     figures_of,
@@ -90,7 +89,8 @@ class Decision(NamedTuple):
     """True if neither rest nor a single contact explains the sample. The state follows only after several of them."""
     is_unsteady: bool = False
     """True if position and force are less certain than those of a sample at rest."""
-    figures: Figures = NO_FIGURES
+    figures: Figures | None = None
+    """Of a contact."""
     problem: Problem | None = None
     """Why it could not be decided."""
     suspect: str | None = None
@@ -135,11 +135,11 @@ class Judge:
 
     def __init__(self, model: ModelFile, surface: str, section: SurfaceSection, past: Past = NEUTRAL) -> None:
         """Begin after samples with that past."""
-        self._model, self._surface = model, surface
+        self._model, self._surface, self._outline = model, surface, model.metadata.outline
         self._hold_us = max(section.stale_ms * 1e3, _HOLD_READINGS * 1e6 / model.metadata.sensor.rate_hz)
         self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories, is_known=past.is_known)
         self._decided_us, self._is_held = past.decided_us, past.is_held
-        self._zones = ZoneFollower(section.zones, model.metadata.length_mm, self._hold_us, past.zones)
+        self._zones = ZoneFollower(section.zones, self._outline, self._hold_us, past.zones)
 
     @property
     def past(self) -> Past:
@@ -171,12 +171,12 @@ class Judge:
             self._hypotheses = Hypotheses(metadata.thresholds, NEUTRAL.memories)
         if isinstance(evidence, Problem):
             return self._undecided(estimate, evidence)
-        figures = NO_FIGURES
+        figures = None
         try:
             require_usable(evidence)
             verdict = self._hypotheses.step(evidence)
             if verdict.state is State.CONTACT:
-                figures = figures_of(evidence.answer, metadata.length_mm)
+                figures = figures_of(evidence.answer, self._outline)
         except UnusableEstimateError as error:
             detail = (
                 f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."
@@ -194,10 +194,9 @@ class Judge:
         """Return what a sample shows of the zones."""
         if decision.state is State.CLEAR and not decision.is_unsteady:
             return self._zones.step(ZoneEvidence(at_us, is_clear=True))
-        is_explained = decision.state is State.CONTACT and not decision.is_odd
-        if is_explained and _DOUBTS.isdisjoint([*sender_notes, *decision.notes(self._model)]):
-            position, force = decision.figures.position, decision.figures.force
-            return self._zones.step(ZoneEvidence(at_us, position=position, force=force))
+        figures = decision.figures
+        if figures and not decision.is_odd and _DOUBTS.isdisjoint([*sender_notes, *decision.notes(self._model)]):
+            return self._zones.step(ZoneEvidence(at_us, place=figures.place, force=figures.force))
         return self._zones.step(ZoneEvidence(at_us))
 
 

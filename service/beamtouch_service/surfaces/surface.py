@@ -8,6 +8,7 @@ from asyncio import Lock
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from beamtouch_common.outline import BEAM_AXES
 from beamtouch_models.runtime import ModelFile
 from beamtouch_service.problems import Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Quality, Sample
@@ -95,6 +96,11 @@ class Surface:
     def model(self) -> ModelFile | None:
         """The model in use."""
         return self._follower.model if self._follower else None
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes of the model in use; without one, those of a beam."""
+        return tuple(self.model.metadata.axes) if self.model else BEAM_AXES
 
     @property
     def wiring(self) -> str | None:

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
+from beamtouch_common.outline import BEAM_AXES, Place, Span
 from beamtouch_models.runtime import ModelFile, State
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Quality, Sample
-from beamtouch_service.surfaces.contact import NO_FIGURES, Contact, ContactQuality, Figures, rfc3339
 from beamtouch_service.surfaces.follower import Decision
 from beamtouch_service.surfaces.zones import ZoneStates
 
@@ -98,9 +98,21 @@ class View(NamedTuple):
         return self.decision.held if self.decision else None
 
     @property
-    def figures(self) -> Figures:
-        """Position and force."""
-        return self.decision.figures if self.decision else NO_FIGURES
+    def axes(self) -> tuple[str, ...]:
+        """The axes of the model that gave the answer."""
+        return tuple(self.decided_by.metadata.axes) if self.decided_by else BEAM_AXES
+
+    @property
+    def place(self) -> Place:
+        """The place of a contact; empty without one."""
+        figures = self.decision.figures if self.decision else None
+        return figures.place if figures else {}
+
+    @property
+    def force(self) -> Span | None:
+        """The force of a contact; None without one, or if the model does not estimate it."""
+        figures = self.decision.figures if self.decision else None
+        return figures.force if figures else None
 
     @property
     def notes(self) -> list[str]:
@@ -180,25 +192,3 @@ class View(NamedTuple):
             )
             for channel in (self.model.metadata.layout if self.model else [])
         ]
-
-
-def contact_of(view: View) -> Contact:
-    """Return the contact of a view; raises ProblemError if a problem prevents it."""
-    newest, decision, model = view.require_contact().newest, view.decision, view.decided_by
-    assert newest and decision and model  # noqa: PT018, S101  # without a problem there are all of them
-    degraded = list(view.bad)
-    return Contact(
-        surface=view.surface,
-        state=decision.held,
-        **decision.figures._asdict(),
-        age_ms=newest.age_ms(view.now_s),
-        sampled_at=rfc3339(newest.sample.acquired_unix_us),
-        sequence=newest.sample.sequence,
-        readings=view.readings,
-        misfit=view.misfit or 0.0,
-        quality=ContactQuality.DEGRADED if degraded else ContactQuality.GOOD,
-        degraded_channels=degraded,
-        notes=view.notes,
-        model=model.identity,
-        zones=view.zones,
-    )

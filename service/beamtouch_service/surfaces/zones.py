@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from beamtouch_common.zones import BEGIN, HOLD, Span, Zone, ZoneState
+from beamtouch_common.outline import Outline, Place, Span
+from beamtouch_common.zones import BEGIN, HOLD, Zone, ZoneState
 
 ZoneStates = dict[str, ZoneState | None]
 """Name of a zone -> its answer; None where there is no contact to judge."""
@@ -26,7 +27,7 @@ class ZoneEvidence(NamedTuple):
     """Its time, by the same clock as that of the sample before [us]."""
     is_clear: bool = False
     """True if it shows that nothing touches the beam."""
-    position: Span | None = None
+    place: Place | None = None
     """Of a contact that can be judged; None without one."""
     force: Span | None = None
     """None if the model does not estimate it."""
@@ -58,10 +59,10 @@ class _Progress:
     has_entered: bool = False
     """True if it was inside since it was outside last, or not known."""
 
-    def step(self, evidence: ZoneEvidence, length_mm: float, passed_us: int) -> int | None:
+    def step(self, evidence: ZoneEvidence, outline: Outline, passed_us: int) -> int | None:
         """Take the next sample; return the time that the contact has been inside more [us], None if it is not."""
         before, was_inside = self.lies, self.answer is ZoneState.INSIDE
-        self.lies = self._lie(evidence, length_mm)
+        self.lies = self._lie(evidence, outline)
         self.inside_us = self.inside_us + passed_us if self.lies is before is ZoneState.INSIDE else 0
         self.answer = ZoneState.OUTSIDE if evidence.is_clear else self.lies
         if self.lies is ZoneState.INSIDE and self.inside_us < self.zone.dwell_ms * 1e3:
@@ -71,27 +72,27 @@ class _Progress:
             return None
         return passed_us if was_inside else self.inside_us
 
-    def _lie(self, evidence: ZoneEvidence, length_mm: float) -> ZoneState | None:
-        if evidence.position is None:
+    def _lie(self, evidence: ZoneEvidence, outline: Outline) -> ZoneState | None:
+        if evidence.place is None:
             return None
-        now = self.zone.lies(evidence.position, evidence.force, length_mm, HOLD)
-        return now if now is self.lies else self.zone.lies(evidence.position, evidence.force, length_mm, BEGIN)
+        now = self.zone.lies(evidence.place, evidence.force, outline, HOLD)
+        return now if now is self.lies else self.zone.lies(evidence.place, evidence.force, outline, BEGIN)
 
 
 class ZoneFollower:
     """Follows consecutive samples of one sender."""
 
     def __init__(
-        self, zones: Mapping[str, Zone], length_mm: float, hold_us: float, memory: Mapping[str, Any] | None = None
+        self, zones: Mapping[str, Zone], outline: Outline, hold_us: float, memory: Mapping[str, Any] | None = None
     ) -> None:
-        """Begin with samples of a beam of this length, which hold a contact for `hold_us`, or go on from a memory.
+        """Begin with samples of a structure that hold a contact for `hold_us`, or go on from a memory.
 
         A zone whose definition has changed starts over.
 
         Raises KeyError, TypeError or ValueError if `memory` is something else.
         """
         self.defined = dict(zones)
-        self._length_mm, self._hold_us = length_mm, hold_us
+        self._outline, self._hold_us = outline, hold_us
         self._last_us = 0
         """Time of the last sample."""
         self._forget()
@@ -127,7 +128,7 @@ class ZoneFollower:
             self._forget()
         stays_us, entered = dict[str, int](), list[str]()
         for name, progress in self._progress.items():
-            longer_us = progress.step(evidence, self._length_mm, passed_us)
+            longer_us = progress.step(evidence, self._outline, passed_us)
             if longer_us is None:
                 continue
             stays_us[name] = longer_us

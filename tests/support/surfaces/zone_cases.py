@@ -1,6 +1,7 @@
 """What tests of zones share: a zone, its answers by one letter, and intervals."""
 
-from beamtouch_common.zones import Span, Zone, ZoneState
+from beamtouch_common.outline import Span
+from beamtouch_common.zones import Zone, ZoneState
 
 GATE = Zone(from_mm=120, to_mm=200)
 

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_common.zones import BEGIN, Span, Zone, ZoneState
+from beamtouch_common.outline import BEAM_AXIS, Outline, Span
+from beamtouch_common.zones import BEGIN, Zone, ZoneState
 from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_deviation_mm
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
@@ -55,7 +56,8 @@ def band_at(prior: Prior, edge_mm: float, seed: int, range_n: tuple[float, float
     samples = prior.draw(on_axis(position_mm[there]), force_n[there], rng)
     spans = posterior_quantiles(prior, samples, np.tile(_LEVELS, (len(samples), 1)))[0]
     zone = Zone(from_mm=edge_mm, to_mm=prior.diagonal_mm)
-    lies = [zone.lies(Span(*span), None, prior.diagonal_mm, BEGIN) for span in spans.tolist()]
+    outline = Outline.of_beam(prior.diagonal_mm)
+    lies = [zone.lies({BEAM_AXIS: Span(*span)}, None, outline, BEGIN) for span in spans.tolist()]
     right = [ZoneState.INSIDE if position >= edge_mm else ZoneState.OUTSIDE for position in position_mm[there].tolist()]
     unsure = np.array([state is ZoneState.UNSURE for state in lies])
     is_wrong = ~unsure & np.array([said is not true for said, true in zip(lies, right, strict=True)])

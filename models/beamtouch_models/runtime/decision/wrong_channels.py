@@ -156,6 +156,8 @@ class Wirings:
         """Different places of the contacts that each wiring has explained since the last one that it did not."""
         low_mm, high_mm = metadata.ranges.position_mm
         self._apart_mm = APART * (high_mm - low_mm)
+        self._output = f"{metadata.axes[0]}_mm"
+        """Places differ if they do along the first axis."""
         self.finding: str | None = None
         """The wiring that explains the contacts so far, in words; None if there is none."""
         self._found = set[int]()
@@ -175,7 +177,7 @@ class Wirings:
                 if index in self._found and not odd:
                     self._found, self.finding = set(), None
             elif odd and BETTER**2 * said.misfit <= asis.misfit:
-                place_mm = said.answer["position_mm"]
+                place_mm = said.answer[self._output]
                 if all(abs(place_mm - other_mm) >= self._apart_mm for other_mm in places_mm):
                     places_mm.append(place_mm)
         if odd:

@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Iterable
 
-from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, Type
+from beamtouch_service.outputs.modbus.registers import BLOCK, Type, registers_of
 from beamtouch_service.outputs.modbus.section import WordOrder
 from beamtouch_service.surfaces.surface import Surface
 
@@ -42,7 +42,7 @@ class Blocks:
 
     def _block(self, surface: Surface, now_s: float) -> list[int]:
         view, block = surface.view(now_s), [0] * BLOCK
-        for register in REGISTERS:
+        for register in registers_of(view.axes):
             end = register.offset + register.type.count
             block[register.offset : end] = self._words(register.type, register.value(view))
         return block

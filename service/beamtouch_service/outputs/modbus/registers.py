@@ -1,4 +1,6 @@
-"""The register map: the one table from which the server fills its registers and the documentation is made.
+"""The register map, from which the server fills its registers and the documentation is made.
+
+Registers of figures come from the table of fields; here is what only Modbus has.
 
 Controllers are programmed against these numbers. A register keeps its offset, its type and its meaning for good; new
 ones take offsets that are free.
@@ -8,19 +10,22 @@ from binascii import crc_hqx
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from math import ceil, nan
+from functools import cache
+from math import ceil
 
+from beamtouch_common.outline import BEAM_AXES
 from beamtouch_common.zones import MAX_ZONES, ZoneState
 from beamtouch_models.runtime import State
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
+from beamtouch_service.surfaces.fields import PLATE_AXES, Cell, Field, fields_of
 from beamtouch_service.surfaces.view import View
 
-BLOCK = 50
+BLOCK = 60
 """Registers of one surface. Those without a meaning yet read as 0."""
 MAX_SURFACES = 65_536 // BLOCK
 """More blocks do not fit in the addresses of Modbus."""
-MAX_UINT16 = 0xFFFF
+MAX_UINT16, MAX_UINT32 = 0xFFFF, 0xFFFF_FFFF
 CONSTANT = 1234.5
 """A figure in the wrong word order may look right: 276.5215 becomes 96.6. This one does not."""
 _HEARTBEAT_PER_S = 10
@@ -75,12 +80,18 @@ def identity(surface: str) -> int:
     return crc_hqx(surface.encode(), 0)
 
 
-def _figure(offset: int, name: str, meaning: str) -> Register:
-    def value(view: View) -> float:
-        figure: float | None = getattr(view.figures, name)
-        return nan if figure is None else figure
+def _of_field(field: Field, cell: Cell) -> Register:
+    """Return the registers of a field of the contact. Rounded up, no sample seems younger than it is."""
 
-    return Register(offset, name, Type.FLOAT32, meaning, value)
+    def value(view: View) -> float:
+        figure: float | None = field.get(view)
+        if figure is None:
+            return cell.absent
+        if cell.type == "uint16":
+            return min(max(ceil(figure), 0), MAX_UINT16)
+        return int(figure) & MAX_UINT32 if cell.type == "uint32" else figure
+
+    return Register(cell.offset, field.name, Type[cell.type.upper()], cell.words, value)
 
 
 def _quality(offset: int, quality: Quality, meaning: str) -> Register:
@@ -107,11 +118,6 @@ def _notes(view: View) -> int:
     return sum(1 << note.bit for note in Note if note in notes)
 
 
-def _age_ms(view: View) -> int:
-    """Return the age [ms], rounded up so that no sample seems younger than it is."""
-    return MAX_UINT16 if view.age_ms is None else min(max(ceil(view.age_ms), 0), MAX_UINT16)
-
-
 def _zones(view: View) -> int:
     return sum(ZONE_CODES[state] << 2 * place for place, state in enumerate(view.zones.values()))
 
@@ -125,11 +131,7 @@ def _entries(place: int) -> Register:
     return Register(43 + place, f"zone_{place + 1}_entries", Type.UINT16, meaning, value)
 
 
-def _readings(view: View) -> int:
-    return min(view.readings or 0, MAX_UINT16)
-
-
-REGISTERS = (
+_OWN = (
     Register(
         0,
         "identity",
@@ -152,21 +154,6 @@ REGISTERS = (
         lambda view: STATES[view.status][0],
     ),
     Register(3, "notes", Type.NOTES, "see below; 0 from state 16 on", _notes),
-    Register(4, "age_ms", Type.UINT16, "age of the newest sample, rounded up; 65535: more, or no sample", _age_ms),
-    Register(5, "readings", Type.UINT16, "readings in the sample; 65535: or more; 0: not known", _readings),
-    Register(
-        6,
-        "sequence",
-        Type.UINT32,
-        "number of the newest sample, its lower 32 bits; 0 before the first",
-        lambda view: (view.sequence or 0) & 0xFFFF_FFFF,
-    ),
-    _figure(8, "position_mm", "from the left end of the beam; NaN unless the state is 2"),
-    _figure(10, "position_low_mm", "lower end of the 95 % interval; NaN as above"),
-    _figure(12, "position_high_mm", "upper end; NaN as above"),
-    _figure(14, "force_n", "NaN as above, and if the model estimates no force"),
-    _figure(16, "force_low_n", "lower end of the 95 % interval; NaN as above"),
-    _figure(18, "force_high_n", "upper end; NaN as above"),
     Register(
         20,
         "constant",
@@ -194,4 +181,16 @@ REGISTERS = (
     ),
     *(_entries(place) for place in range(MAX_ZONES)),
 )
-"""The block of a surface."""
+"""Registers beside those of the fields."""
+
+
+@cache
+def registers_of(axes: tuple[str, ...]) -> tuple[Register, ...]:
+    """Return the block of a surface with these axes. One with a single axis has the registers of a second, too."""
+    named = axes if len(axes) > 1 else (*axes, PLATE_AXES[1])
+    fields = [_of_field(field, field.register) for field in fields_of(named) if field.register]
+    return tuple(sorted([*_OWN, *fields], key=lambda register: register.offset))
+
+
+REGISTERS = registers_of(BEAM_AXES)
+"""The block of a beam."""

@@ -12,9 +12,9 @@ from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.mqtt.connection import Connection
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
 from beamtouch_service.problems import MEDIA_TYPE
+from beamtouch_service.surfaces import fields
 from beamtouch_service.surfaces.pace import Pace
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.view import contact_of
 from beamtouch_service.surfaces.watch import Watch
 
 
@@ -60,8 +60,7 @@ class ContactSender:
         if view.problem:
             text, content_type, age_s = errors.encode(view.problem), MEDIA_TYPE, 0.0
         else:
-            contact = contact_of(view)
-            text, content_type, age_s = contact.model_dump_json().encode(), JSON, contact.age_ms / 1e3
+            text, content_type, age_s = fields.encode(view), JSON, (view.age_ms or 0.0) / 1e3
         topic = self._topics.contact(surface.name)
         await connection.send(topic, text, properties(content_type, surface.stale_ms), limit_s - age_s)
         self._sent.inc()

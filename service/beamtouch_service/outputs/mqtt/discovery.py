@@ -6,6 +6,7 @@ from beamtouch_common.commands import version
 from beamtouch_common.zones import ZoneState
 from beamtouch_models.runtime import State
 from beamtouch_service.outputs.mqtt.messages import OFFLINE, ONLINE, READY, Topics
+from beamtouch_service.surfaces.fields import fields_of
 from beamtouch_service.surfaces.surface import Surface
 
 EXPIRE_S = 3
@@ -41,8 +42,11 @@ def description(topics: Topics, surface: Surface) -> bytes:
     figure = {"state_class": "measurement"}
     components = {
         "state": sensor("state", "state | default('problem')", device_class="enum", options=options),
-        "position": sensor("position", "position_mm | default(none)", unit_of_measurement="mm", **figure),
-        "force": sensor("force", "force_n | default(none)", unit_of_measurement="N", **figure),
+        **{
+            one.entity: sensor(one.entity, f"{one.name} | default(none)", unit_of_measurement=one.unit, **figure)
+            for one in fields_of(surface.axes)
+            if one.entity
+        },
         "problem": entity(
             "problem",
             f"'OFF' if value_json.status == '{READY}' else 'ON'",

@@ -12,7 +12,7 @@ from asyncua import ua
 
 from beamtouch_models.runtime import State
 from beamtouch_service.problems import Kind
-from beamtouch_service.surfaces.contact import Figures
+from beamtouch_service.surfaces.fields import Field, fields_of
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.view import View
 
@@ -39,37 +39,23 @@ class Variable(NamedTuple):
     meaning: str
 
 
-def _figure(name: str) -> Callable[[View], object]:
-    return lambda view: getattr(view.figures, name)
+_KINDS: Mapping[object, ua.VariantType] = {float: ua.VariantType.Double, int: ua.VariantType.UInt64}
+"""Types of fields -> those of variables; all others are text."""
 
 
-VARIABLES: Mapping[str, Variable] = {
-    "state": Variable(ua.VariantType.String, lambda view: view.state, "contact, clear or unexplained"),
-    **{
-        name: Variable(ua.VariantType.Double, _figure(name), f"{words}, while there is a contact")
-        for name, words in zip(
-            Figures._fields,
-            [
-                f"{part}{figure}"
-                for figure in ("position from the left end [mm]", "force [N]")
-                for part in ("", "lower end of the 95 % interval of the ", "upper end of the 95 % interval of the ")
-            ],
-            strict=True,
-        )
-    },
-    "age_ms": Variable(ua.VariantType.Double, lambda view: view.age_ms, "age of the sample [ms]"),
-    "sequence": Variable(ua.VariantType.UInt64, lambda view: view.sequence, "number of the sample"),
-    "misfit": Variable(ua.VariantType.Double, lambda view: view.misfit, "misfit of rest or of the best contact"),
-    "notes": Variable(ua.VariantType.String, lambda view: " ".join(view.notes), "limits of the answer, as words"),
-    "degraded_channels": Variable(ua.VariantType.String, lambda view: " ".join(view.bad), "channels that took no part"),
-    "model": Variable(ua.VariantType.String, lambda view: view.answered_by, "the model that gave the answer"),
-}
-"""Name -> variable, of every surface. All belong to one sample."""
+def _variable(field: Field) -> Variable:
+    kind = _KINDS.get(field.type, ua.VariantType.String)
+    if field.type == float | None:
+        kind = ua.VariantType.Double
+    words, unit = field.meaning.partition(". ")[0].rstrip("."), f" [{field.unit}]" if field.unit else ""
+    of = (lambda view: " ".join(field.get(view))) if field.type == list[str] else field.get
+    return Variable(kind, of, words + unit)
 
 
 def variables_of(surface: Surface) -> dict[str, Variable]:
     """Return the variables of a surface: those of every contact, and one for each of its zones."""
-    return {**VARIABLES, **{f"zones/{name}": _zone(name) for name in surface.section.zones}}
+    fields = {field.name: _variable(field) for field in fields_of(surface.axes) if field.is_variable}
+    return {**fields, **{f"zones/{name}": _zone(name) for name in surface.section.zones}}
 
 
 def _zone(name: str) -> Variable:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamtouch_common.zones import Span
+from beamtouch_common.outline import BEAM_AXIS, Span
 from beamtouch_service.surfaces.follower import Decision
 
 MAX_STAYS = 25
@@ -58,9 +58,9 @@ def sighting_of(decision: Decision, touch: Sequence[float], reading_us: float) -
     touch : log odds above which a sample shows a contact, for each number of channels
     reading_us : time from one reading to the next
     """
-    position, force = decision.figures.position, decision.figures.force
-    if position is None:
+    if decision.figures is None:
         return None
+    position, force = decision.figures.place[BEAM_AXIS], decision.figures.force
     evidence = decision.evidence
     return Sighting(
         decision.estimate.sample.acquired_unix_us,

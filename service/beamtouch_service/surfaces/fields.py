@@ -1,0 +1,221 @@
+"""The figures of a contact: one row each, from which every output and its documents are made.
+
+JSON and OpenAPI, the stream, MQTT and Home Assistant, Modbus registers and OPC UA variables have what stands here, and
+nothing else of a contact. Figures of place are named after their axis: `position_mm` on a beam, `x_mm` and `y_mm` on a
+plate.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from math import nan
+from typing import Any, Literal, NamedTuple
+
+from pydantic import BaseModel, create_model
+from pydantic import Field as ModelField
+from pydantic_core import to_json
+
+from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS, Span, names_of
+from beamtouch_common.zones import ZoneState
+from beamtouch_models.runtime import State
+from beamtouch_service.samples import Note
+from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
+from beamtouch_service.surfaces.view import View
+
+PLATE_AXES = ("x", "y")
+"""The axes by whose names documents show a surface of two axes."""
+Rows = tuple[tuple[str, str], ...]
+"""Meanings of a figure and of the ends of its interval, each in JSON and in registers."""
+_NOTES = " ".join(
+    [
+        "Limits of the answer.",
+        *(f"`{note}`: {note.meaning}." for note in Note),
+        "`check-NAME`, only with `unexplained`: channel NAME contradicts the others.",
+    ]
+)
+
+
+class Cell(NamedTuple):
+    """The Modbus registers of a field."""
+
+    offset: int
+    """Of the first of them in the block of a surface."""
+    type: Literal["uint16", "uint32", "float32"]
+    words: str
+    """The value, as the map of the registers describes it."""
+    absent: float = nan
+    """The value where there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a contact."""
+
+    name: str
+    type: Any
+    """Its type in JSON."""
+    meaning: str
+    """The first sentence says it in short, for a variable."""
+    get: Callable[[View], Any]
+    """Returns its value; None where there is none."""
+    unit: str = ""
+    register: Cell | None = None
+    is_variable: bool = True
+    """True if it is a variable over OPC UA."""
+    entity: str = ""
+    """Its sensor in Home Assistant; empty if it has none."""
+    is_optional: bool = False
+    """True if JSON leaves it out while it is empty."""
+
+
+def _spans(figure: str, unit: str, offset: int, get: Callable[[View], Span | None], rows: Rows) -> tuple[Field, ...]:
+    """Return the fields of a figure with its interval, whose registers begin at an offset."""
+
+    def end_of(index: int) -> Callable[[View], float | None]:
+        return lambda view: (span := get(view)) and span[index]
+
+    return tuple(
+        Field(
+            name,
+            float | None,
+            meaning,
+            end_of(index),
+            unit=unit,
+            register=Cell(offset + 2 * index, "float32", words),
+            entity="" if index else figure,
+        )
+        for index, (name, (meaning, words)) in enumerate(zip(names_of(figure, unit.lower()), rows, strict=True))
+    )
+
+
+_INTERVAL = (
+    ("Lower end of the 95 % interval.", "lower end of the 95 % interval; NaN as above"),
+    ("Upper end of the 95 % interval.", "upper end; NaN as above"),
+)
+
+
+def _place(axis: str, offset: int) -> tuple[Field, ...]:
+    meaning, words = f"Distance from the edge, along {axis}", f"along {axis}, on a surface of two axes"
+    if axis == BEAM_AXIS:
+        meaning, words = "Distance from the left end of the beam", "from the left end of the beam"
+    first = f"{meaning}. Null unless the state is `contact`.", f"{words}; NaN unless the state is 2"
+    return _spans(axis, "mm", offset, lambda view: view.place.get(axis), (first, *_INTERVAL))
+
+
+def _force() -> tuple[Field, ...]:
+    meaning = "Force of the contact. Null without a contact, or if the model does not estimate force."
+    words = "NaN as above, and if the model estimates no force"
+    return _spans("force", "N", 14, lambda view: view.force, ((meaning, words), *_INTERVAL))
+
+
+@cache
+def fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field, ...]:
+    """Return the fields of a contact on a surface with these axes, in their order in JSON."""
+    return (
+        Field("surface", str, "Name of the surface.", lambda view: view.surface, is_variable=False),
+        Field(
+            "state",
+            State,
+            "State of the surface. `contact`: one contact explains the sample. `clear`: the beam rests. `unexplained`: "
+            "neither rest nor a single contact explains the sample.",
+            lambda view: view.state,
+        ),
+        # Registers keep their offsets for good: those of a second axis came later.
+        *(field for axis, offset in zip(axes, (8, 50), strict=False) for field in _place(axis, offset)),
+        *_force(),
+        Field(
+            "age_ms",
+            float,
+            "Age of the sample at the time of answering, on the monotonic clocks of sender and service.",
+            lambda view: view.age_ms,
+            unit="ms",
+            register=Cell(
+                4, "uint16", "age of the newest sample, rounded up; 65535: more, or no sample", absent=0xFFFF
+            ),
+        ),
+        Field(
+            "sampled_at",
+            str,
+            "Time of the sample by the sender's clock (RFC 3339). It never decides freshness.",
+            lambda view: rfc3339(view.newest.sample.acquired_unix_us) if view.newest else None,
+            is_variable=False,
+        ),
+        Field(
+            "sequence",
+            int,
+            "The sample's number since the sender started.",
+            lambda view: view.sequence,
+            register=Cell(6, "uint32", "number of the newest sample, its lower 32 bits; 0 before the first", absent=0),
+        ),
+        Field(
+            "readings",
+            int | None,
+            "Number of readings in the sample; null if its sender does not say. It grows while a contact rests.",
+            lambda view: view.readings,
+            register=Cell(5, "uint16", "readings in the sample; 65535: or more; 0: not known", absent=0),
+            is_variable=False,
+        ),
+        Field(
+            "misfit",
+            float,
+            "Misfit of rest or of the best single contact, whichever is smaller. `misfit_limit` of "
+            "`GET /surfaces/NAME` is its scale: where it is larger than that, neither explains the sample.",
+            lambda view: view.misfit,
+        ),
+        Field(
+            "quality",
+            ContactQuality,
+            "`good`: all channels took part. `degraded`: some did not.",
+            lambda view: ContactQuality.DEGRADED if view.bad else ContactQuality.GOOD,
+            is_variable=False,
+        ),
+        Field(
+            "degraded_channels",
+            list[str],
+            "Channels that took no part; empty if the quality is good.",
+            lambda view: list(view.bad),
+        ),
+        Field("notes", list[str], _NOTES, lambda view: view.notes),
+        Field("model", str, "Name and fingerprint of the model that gave the answer.", lambda view: view.answered_by),
+        Field(
+            "zones",
+            dict[str, ZoneState | None],
+            "Zone of the configuration -> `inside`: all of the interval has been in it for as long as its dwell. "
+            "`outside`: none of it is, or the beam is clear. `unsure`: neither. Null where no contact can be judged. "
+            "Left out if no zones are configured.",
+            lambda view: view.zones,
+            is_variable=False,
+            is_optional=True,
+        ),
+    )
+
+
+def _model_of(axes: tuple[str, ...]) -> type[BaseModel]:
+    """Return the contact on a surface with these axes as a model, for OpenAPI and documents."""
+    members: dict[str, Any] = {
+        field.name: (
+            field.type,
+            ModelField(default_factory=dict, description=field.meaning)
+            if field.is_optional
+            else ModelField(description=field.meaning),
+        )
+        for field in fields_of(axes)
+    }
+    words = "State of the surface; position and force of a contact with their intervals; age and origin of the answer."
+    return create_model("Contact", __doc__=words, **members)
+
+
+Contact = _model_of(BEAM_AXES)
+"""The contact on a beam."""
+
+
+def members_of(view: View) -> dict[str, Any]:
+    """Return the members of a contact as JSON values; raises ProblemError if a problem prevents it."""
+    fields = fields_of(view.require_contact().axes)
+    members = {field.name: (field.get(view), field.is_optional) for field in fields}
+    return {name: value for name, (value, is_optional) in members.items() if value or not is_optional}
+
+
+def encode(view: View) -> bytes:
+    """Return a contact as JSON; raises ProblemError if a problem prevents it."""
+    return to_json(members_of(view))
