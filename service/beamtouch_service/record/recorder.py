@@ -243,20 +243,18 @@ class Recorder:
 
     async def _read_health(self) -> None:
         """State the health that is on record of surfaces whose samples have not come yet."""
-        surfaces = [(surface, surface.model) for surface in self._unread.values() if surface.model]
-        unread, self._unread = self._unread, {}
         try:
             healths = await self._writer.run(lambda transactions: transactions.healths())
         except RecordAwayError as error:
-            self._unread = unread
             self._writer.note(str(error))
             return
-        for surface, model in surfaces:
-            history = await in_thread(
-                partial(HealthHistory, surface.name, model, healths.get(surface.name, StoredHealth()))
-            )
-            if surface.health is None:
-                surface.health = history.state
+        for surface in list(self._unread.values()):
+            if model := surface.model:
+                stored = healths.get(surface.name, StoredHealth())
+                history = await in_thread(partial(HealthHistory, surface.name, model, stored))
+                if surface.health is None:
+                    surface.health = history.state
+            self._unread.pop(surface.name, None)
 
     async def _tidy(self) -> None:
         try:
