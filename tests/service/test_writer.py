@@ -68,8 +68,21 @@ def test_an_error_that_is_not_expected_is_logged_with_its_traceback_once_a_minut
     writer: Writer, caplog: pytest.LogCaptureFixture
 ) -> None:
     for error in (KeyError("a"), KeyError("a"), KeyError("b")):
-        writer.note_unexpected(error)
+        writer.note_unexpected("commit", error)
         assert (writer.is_away, writer.reason) == (True, f"unexpected error ({error!r})")
     said = [record.getMessage() for record in caplog.records if record.exc_info]
     assert said == ["the record cannot be read or written"] * 2
     assert writer.outages == 1
+
+
+def test_a_work_that_failed_is_a_reason_until_it_succeeds_whatever_others_do(
+    writer: Writer, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "beamtouch_service")
+    writer.note_unexpected("upkeep", KeyError("a"))
+    writer.note("")
+    writer.note_success("commit")
+    assert (writer.is_away, writer.reason, writer.outages) == (False, "unexpected error (KeyError('a'))", 1)
+    writer.note_success("upkeep")
+    assert (writer.is_away, writer.reason, writer.outages) == (False, "", 1)
+    assert caplog.messages[-1].startswith(BACK)

@@ -147,7 +147,7 @@ class Recorder:
         if key not in self._loads:
             load = self._loads[key] = asyncio.create_task(self._read(surface, batch))
             load.add_done_callback(lambda _: self._loads.pop(key))
-            load.add_done_callback(self._note_end)
+            load.add_done_callback(partial(self._note_end, f"load {surface.name}"))
             await asyncio.wait([load], timeout=LOAD_S)
 
     async def _read(self, surface: Surface, batch: Batch) -> None:
@@ -181,14 +181,14 @@ class Recorder:
         if time.monotonic() - self._tidied_s >= TIDY_S and (self._upkeep is None or self._upkeep.done()):
             self._tidied_s = time.monotonic()
             self._upkeep = asyncio.create_task(self._tidy())
-            self._upkeep.add_done_callback(self._note_end)
+            self._upkeep.add_done_callback(partial(self._note_end, "upkeep"))
 
     def commit(self, *, everything: bool = False) -> "asyncio.Task[None]":
         """Make durable what is due, or everything that was taken so far, unless a commit runs."""
         if self._commit is None or self._commit.done():
             self._begun_s = time.monotonic()
             self._commit = asyncio.create_task(self._write_changes(everything=everything))
-            self._commit.add_done_callback(self._note_end)
+            self._commit.add_done_callback(partial(self._note_end, "commit"))
         return self._commit
 
     async def write(self, call: Callable[[Transactions], _T]) -> _T:
@@ -269,11 +269,14 @@ class Recorder:
             lambda transactions: self.retention.tidy(transactions.database, clock_s, uptime_s, held)
         )
 
-    def _note_end(self, task: "asyncio.Task[None]") -> None:
-        """Note that the record is away if a task ended in an error that no database is known to raise."""
-        error = None if task.cancelled() else task.exception()
-        if error:
-            self._writer.note_unexpected(error)
+    def _note_end(self, work: str, task: "asyncio.Task[None]") -> None:
+        """Note whether a task ended in an error that no database is known to raise."""
+        if task.cancelled():
+            return
+        if error := task.exception():
+            self._writer.note_unexpected(work, error)
+        else:
+            self._writer.note_success(work)
 
     async def flush(self) -> None:
         """Make durable all that was taken so far, unless the record is away."""

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from itertools import chain
 from typing import TypeVar
 
 from beamtouch_common.log_lines import Repeated
@@ -21,6 +22,8 @@ class Writer:
         self._reason, self._said = "", ""
         self._damaged: dict[str, str] = {}
         """Surface -> why what is on record of it cannot be read."""
+        self._failed: dict[str, str] = {}
+        """Work -> the error that ended it, until it succeeds."""
         self._transactions, self._thread, self._fault = transactions, Workers("record"), Repeated(_log)
         self.note(transactions.away_because)
 
@@ -31,8 +34,8 @@ class Writer:
 
     @property
     def reason(self) -> str:
-        """Why the record is away, or that of a surface; empty while it is there."""
-        return self._reason or next(iter(self._damaged.values()), "")
+        """Why the record is away, or a work of it or the record of a surface; empty while all is there."""
+        return self._reason or next(chain(self._failed.values(), self._damaged.values()), "")
 
     async def run(self, call: Callable[[Transactions], _T]) -> _T:
         """Return what a call of the record gives; raises RecordAwayError. It may wait for what was begun before."""
@@ -60,11 +63,17 @@ class Writer:
         elif before and not self.reason:
             self._fault.over("the record of events is back")
 
-    def note_unexpected(self, error: BaseException) -> None:
-        """Note that the record is away for an error that no database is known to raise."""
+    def note_unexpected(self, work: str, error: BaseException) -> None:
+        """Note that a work of the record ended in an error that no database is known to raise: the record is away."""
         if self._fault.due(f"{error!r}"):
             _log.error("the record cannot be read or written", exc_info=error)
-        self.note(f"unexpected error ({error!r})")
+        self._failed[work] = f"unexpected error ({error!r})"
+        self.note(self._failed[work])
+
+    def note_success(self, work: str) -> None:
+        """Note that a work succeeded. The record is back with its next commit."""
+        self._failed.pop(work, None)
+        self._say()
 
     def end(self) -> None:
         """End the thread after what was begun, and close the database."""
