@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, Select, null, select, true, tuple_
+from sqlalchemy import ColumnElement, Row, Select, bindparam, null, select, true, tuple_
 
 from beamtouch_service.record.database.tables import CONTENT, EVENTS, WITHOUT_PATH, event_of
 from beamtouch_service.record.events.best import Best
@@ -16,11 +16,16 @@ from beamtouch_service.record.events.event import Event, EventKind, Numbered
 from beamtouch_service.record.events.times import latest_us
 from beamtouch_service.record.reading.readers import Reader
 
-AT_ONCE, AT_ONCE_WITH_PATH = 64, 8
-"""Events that are read at a time: those with a path are some ten times as large."""
+AT_ONCE, AT_ONCE_WITH_PATH = 100, 25
+"""Events that are read at a time: those with a path are some ten times as large, up to 10 kB."""
 EventKey = Row[*tuple[Any, ...]]
 """`touched_us` and `id` of an event: its place in the order of touches."""
 _c = EVENTS.c
+_IS_ASKED = _c.id.in_(bindparam("ids", expanding=True))
+# Made once: to make one anew takes the interpreter for longer than to run it.
+_EVENTS = select(_c.id, *WITHOUT_PATH).where(_IS_ASKED)
+_EVENTS_WITH_PATH = select(_c.id, *CONTENT).where(_IS_ASKED)
+_BEST_SAMPLES = select(_c.id, _c.model, _c.best).where(_IS_ASKED)
 
 
 @dataclass(frozen=True)
@@ -54,21 +59,23 @@ def find_events(
     return _find_newest(reader, of_surface & of_kind, since_us, until_us, limit, after)
 
 
-def read_events(reader: Reader, keys: Sequence[EventKey], *, path: bool) -> Iterator[list[Numbered]]:
+def read_events(reader: Reader, keys: Sequence[EventKey], *, path: bool) -> Iterator[Iterator[Numbered]]:
     """Give the events of these keys, some at a time, in their order; those that were deleted meanwhile are left out.
+
+    Each is made when it is taken, so that the reader can rest between two of them.
 
     Parameters
     ----------
     path : whether to read paths and captures too; they are by far the largest part of an event
     """
-    query = select(_c.id, *(CONTENT if path else WITHOUT_PATH))
-    for rows in _read(reader, query, keys, AT_ONCE_WITH_PATH if path else AT_ONCE):
-        yield [event_of(row) for row in rows]
+    query, at_once = (_EVENTS_WITH_PATH, AT_ONCE_WITH_PATH) if path else (_EVENTS, AT_ONCE)
+    for rows in _read(reader, query, keys, at_once):
+        yield map(event_of, rows)
 
 
 def get_recorded_event(reader: Reader, number: int) -> Event | None:
     """Return the event of that id; None if there is none."""
-    rows = reader.rows(select(_c.id, *CONTENT).where(_c.id == number))
+    rows = reader.rows(_EVENTS_WITH_PATH, ids=[number])
     return event_of(rows[0])[1] if rows else None
 
 
@@ -81,10 +88,10 @@ def find_best_samples(
     return _find_newest(reader, condition, since_us, until_us, limit)[::-1]
 
 
-def read_best_samples(reader: Reader, keys: Sequence[EventKey]) -> Iterator[list[Sampled]]:
+def read_best_samples(reader: Reader, keys: Sequence[EventKey]) -> Iterator[Iterator[Sampled]]:
     """Give the best samples of the events of these keys, as `read_events` gives those."""
-    for rows in _read(reader, select(_c.id, _c.model, _c.best), keys, AT_ONCE):
-        yield [Sampled(row.id, row.model, Best.read(row.best)) for row in rows]
+    for rows in _read(reader, _BEST_SAMPLES, keys, AT_ONCE):
+        yield (Sampled(row.id, row.model, Best.read(row.best)) for row in rows)
 
 
 def _read(
@@ -93,7 +100,7 @@ def _read(
     """Give the rows of these keys, some at a time. No transaction is open between two of them."""
     for first in range(0, len(keys), at_once):
         numbers = [key.id for key in keys[first : first + at_once]]
-        rows = {row.id: row for row in reader.rows(query.where(_c.id.in_(numbers)))}
+        rows = {row.id: row for row in reader.rows(query, ids=numbers)}
         yield [rows[number] for number in numbers if number in rows]
 
 

@@ -43,11 +43,11 @@ class Reader:
         self._database = database
         self.begin()
 
-    def rows(self, statement: Select[Any]) -> list[Row[*tuple[Any, ...]]]:
-        """Return the rows of a statement; raises RecordAwayError."""
+    def rows(self, statement: Select[Any], **parameters: object) -> list[Row[*tuple[Any, ...]]]:
+        """Return the rows of a statement with these parameters; raises RecordAwayError."""
         rows: list[Row[*tuple[Any, ...]]] = []
         with self._database.reading() as connection:
-            for part in connection.execute(statement).partitions(_AT_ONCE):
+            for part in connection.execute(statement, parameters).partitions(_AT_ONCE):
                 rows += part
                 self.rest()
         return rows
