@@ -4,12 +4,13 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from asyncua import Server
 
 from beamtouch_service.outputs.opcua.events import EventSender
+from beamtouch_service.record import Begin, Due, End, Event, EventKind, Recorder
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, surface_of
 
@@ -41,3 +42,39 @@ def test_a_record_that_is_away_is_asked_again_only_after_a_pause(
     assert bench.event_loop is not None
     bench.event_loop.call(send)
     assert len(tries) == 1
+
+
+class Finished:
+    """A record with many finished events, which are all there is."""
+
+    def __init__(self, count: int) -> None:
+        event = Event("press-7", "model", "boot-0001", 1, 2, 1, 2, EventKind.CONTACT, Begin.TOUCH, End.LIFT)
+        self._finished = [Due(number, number, event) for number in range(1, count + 1)]
+        self.is_empty = False
+        self.is_sent = asyncio.Event()
+
+    async def wait_for_finished(self, _: object) -> list[Due]:
+        if not self._finished:
+            self.is_sent.set()
+            await asyncio.Event().wait()
+        self.is_empty = True
+        finished, self._finished = self._finished, []
+        return finished
+
+
+def test_others_have_a_turn_between_two_events_that_are_sent() -> None:
+    async def send(count: int) -> int:
+        server = Server()
+        await server.init()
+        space = await server.register_namespace("urn:press")
+        press = await server.nodes.objects.add_object(space, "press-7")
+        record, turns = Finished(count), 0
+        sender = asyncio.ensure_future(EventSender(server, cast("Recorder", record), {"press-7": press.nodeid}).run())
+        sending = asyncio.ensure_future(record.is_sent.wait())
+        while not sending.done():
+            await asyncio.sleep(0)
+            turns += record.is_empty
+        sender.cancel()
+        return turns
+
+    assert asyncio.run(send(50)) >= 50

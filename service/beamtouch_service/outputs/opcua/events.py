@@ -13,7 +13,7 @@ from beamtouch_service.record import Due, RecordAwayError, Recorder, Transaction
 
 RETRY_S = 1.0
 """Pause before the record is read again, after it was away."""
-AT_ONCE = 100
+AT_ONCE = 10
 """Events that are read together."""
 DESTINATION = "opcua"
 FIELDS = {
@@ -68,6 +68,7 @@ class EventSender:
                 continue
             for due in finished:
                 await self._send(due)
+                await asyncio.sleep(0)  # the library gives others no turn between two events
 
     async def _describe(self) -> None:
         """Make the type of the events, and name who emits them."""
