@@ -51,6 +51,7 @@ PARTS = [
         setup=f"import {RUNNING}.kept_zeros as k; k.KEEP_S = 0.1",
     ),
     Case("metrics", f"{RUNNING}.metrics", "", "serve", is_early=True),
+    Case("metrics", "socketserver", "BaseServer", "service_actions"),
     Case("watchdog", "beamtouch_common.systemd", "ServiceManager", "alive"),
 ]
 WHILE_STOPPING = [
@@ -87,7 +88,7 @@ async def wait_for_status(manager: Manager, status: str) -> None:
     )
 
 
-@pytest.mark.parametrize("case", PARTS, ids=lambda case: case.part)
+@pytest.mark.parametrize("case", PARTS, ids=lambda case: f"{case.part} by {case.function}")
 async def test_a_part_that_fails_is_named_and_works_again_once_its_fault_is_gone(tmp_path: Path, case: Case) -> None:
     fault, port, part = tmp_path / "fault", free_port(), case.part
     code = f"{PATIENT_STOP}\n{case.setup}\n{broken(case.module, case.owner, case.function, fault)}"

@@ -41,6 +41,14 @@ def test_the_method_is_an_afternoon_of_reading() -> None:
     assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files) < int(limit)
 
 
+def test_the_way_of_a_sample_is_an_afternoon_of_reading() -> None:
+    section = HOUSE.split("## The way of a sample, in the order in which to read it")[1].split("\n## ")[0]
+    ((limit, number),) = re.findall(r"under (\d+) lines in (\d+) files", section)
+    files = {ROOT / name for name in re.findall(r"`([\w/]+\.py)`", section)}
+    assert len(files) == int(number)
+    assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files) < int(limit)
+
+
 def test_every_link_to_a_file_leads_to_one_in_a_checkout() -> None:
     """A forge shows the files themselves; the site shows some of them as pages with other addresses."""
     broken, links = [], 0

@@ -25,6 +25,8 @@ from beamtouch_daemon.running.acquisition import Acquisition
 from beamtouch_service.samples import Quality
 
 LOOPBACK = "127.0.0.1"
+WATCH_S = 1.0
+"""Time between two looks at the thread that answers."""
 _logger = logging.getLogger(__name__)
 
 Logs = Callable[[], Mapping[str, SurfaceLogs]]
@@ -118,7 +120,7 @@ async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs, part
     fault, backoff = Repeated(_logger, "metrics"), Backoff()
     while True:
         try:
-            server, _ = start_http_server(port, LOOPBACK, registry)
+            server, thread = start_http_server(port, LOOPBACK, registry)
             break
         except OSError as error:
             reason = f"port {port} on {LOOPBACK}: {remedy(error, 'metrics.port')}"
@@ -126,7 +128,9 @@ async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs, part
             await asyncio.sleep(backoff.next())
     fault.over()
     try:
-        await asyncio.Event().wait()
+        while thread.is_alive():
+            await asyncio.sleep(WATCH_S)
+        raise RuntimeError("the thread that answers has ended")
     finally:
         # In a thread: it takes half a second, in which the last samples are to be delivered.
         Thread(target=_end, args=(server,), daemon=True).start()
