@@ -46,10 +46,10 @@ class Clock:
     def __init__(self) -> None:
         self.took_us: dict[str, list[float]] = {}
 
-    def time(self, stage: str, work: Callable[[], T]) -> T:
+    def time(self, stage: str, work: Callable[..., T], *arguments: object) -> T:
         """Do the work of a stage, and return what it gives."""
         begin_s = thread_time()
-        outcome = work()
+        outcome = work(*arguments)
         self.took_us.setdefault(stage, []).append((thread_time() - begin_s) * 1e6)
         return outcome
 
@@ -66,6 +66,21 @@ def read(frame: bytes, values: list[Value], now_s: float) -> Reading:
     return Reading(now_s, tuple(value.decode(contents) for value in values))
 
 
+def body_of(batch: Batch) -> bytes:
+    """Return a batch as it travels."""
+    return compress(batch.model_dump_json(exclude_defaults=True).encode())
+
+
+def batch_of(body: bytes) -> Batch:
+    """Return the batch that has travelled."""
+    return Batch.model_validate_json(decompress(body, "gzip"))
+
+
+def answer_of(surface: Served, now_s: float) -> str:
+    """Return the answer to `GET /contact`."""
+    return contact_of(surface.view(now_s)).model_dump_json()
+
+
 def run() -> Clock:
     """Let a beam rest, then touch it; take the times of the touched samples."""
     with tempfile.TemporaryDirectory() as name:
@@ -80,16 +95,16 @@ def run() -> Clock:
         now_s = number / settings.rate_hz
         frame = frame_of(beam.counts(REST if number < RESTS else TOUCH, now_s))
         timed = clock if number >= RESTS else Clock()
-        reading = timed.time("answer of the device to a reading", lambda: read(frame, values, now_s))
-        samples = timed.time("reading to a sample", lambda: pipeline.process([reading], 0.0))
+        reading = timed.time("answer of the device to a reading", read, frame, values, now_s)
+        samples = timed.time("reading to a sample", pipeline.process, [reading], 0.0)
         if not samples:
             continue
         head = Batch(boot_id="boot-0001", channels=model.channels, newest_age_ms=0.0, samples=[])
         batch = head.model_copy(update={"samples": [one.sample for one in samples]})
-        body = timed.time("sample to a body", lambda: compress(batch.model_dump_json(exclude_defaults=True).encode()))
-        received = timed.time("body to a batch", lambda: Batch.model_validate_json(decompress(body, "gzip")))
-        timed.time("batch to the answer", lambda: surface.receive(received, now_s))
-        timed.time("answer to JSON", lambda: contact_of(surface.view(now_s)).model_dump_json())
+        body = timed.time("sample to a body", body_of, batch)
+        received = timed.time("body to a batch", batch_of, body)
+        timed.time("batch to the answer", surface.receive, received, now_s)
+        timed.time("answer to JSON", answer_of, surface, now_s)
     return clock
 
 

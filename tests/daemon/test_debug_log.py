@@ -20,7 +20,7 @@ from .devices import Fault, NumberingUnit, Pieces, no_echo, no_fault, pymodbus_s
 from .lines import terminal
 from .process import started
 from .service import Service, serving
-from .sessions import source_in, take_across_sessions
+from .sessions import SourceError, first_readings, source_in, take_across_sessions
 
 pytestmark = pytest.mark.anyio
 
@@ -105,6 +105,20 @@ async def test_an_echo_without_an_answer_is_told_from_an_answer(caplog: pytest.L
     lines = await lines_of(no_fault, caplog, units=2, echo=lambda request: [(0.0, request)])
     assert [line for line in lines if "the request itself, which an adapter echoes; no intact frame" in line]
     assert [line for line in lines if "; check supply, A and B, baud, parity and the number of the unit" in line]
+
+
+async def test_a_unit_whose_answers_come_late_is_said_to_be_late_without_the_debug_log() -> None:
+    with terminal() as line:
+        async with rtu_units(line, {1: NumberingUnit(lambda _number, frame: [(0.08, frame)])}):
+            table = f'kind = "modbus-rtu"\nport = "{line.path}"\ntimeout_ms = 50\nunit = 1'
+            source = source_in({}, table, ["register = 0"], 50.0)
+            said = set[str]()
+            with source.kept_open():
+                async with asyncio.timeout(60):
+                    while "unit 1 answers, but not within 50 ms: its answers come late" not in said:
+                        with pytest.raises(SourceError) as error:
+                            await first_readings(source, 1)
+                        said.add(error.value.reason)
 
 
 async def test_an_echo_before_each_answer_is_named(caplog: pytest.LogCaptureFixture) -> None:

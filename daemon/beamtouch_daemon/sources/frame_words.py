@@ -35,6 +35,11 @@ class Request(NamedTuple):
     """True if an answer came in time."""
 
 
+def holds_answer(data: bytes, request: Request) -> bool:
+    """Return whether bytes hold an intact answer to a request."""
+    return any(answer_to(request.block, answer) for _, answer in answers_of(request.address, data))
+
+
 def in_hex(data: bytes) -> str:
     """Return bytes in hexadecimal digits, at most `MOST_BYTES` of them."""
     more = f" and {len(data) - MOST_BYTES} bytes more" if len(data) > MOST_BYTES else ""
@@ -129,7 +134,7 @@ def _count(data: bytes) -> str:
 
 def _describe_earlier(data: bytes, earlier: Request | None, now_s: float) -> str:
     """Return that bytes hold an answer to an earlier request; empty if they do not."""
-    if earlier is None or not any(answer_to(earlier.block, found) for _, found in answers_of(earlier.address, data)):
+    if earlier is None or not holds_answer(data, earlier):
         return ""
     if earlier.is_answered:
         return (

@@ -13,6 +13,7 @@ from beamtouch_daemon.sources.frame_words import (
     describe_received,
     describe_request,
     describe_silence,
+    holds_answer,
     in_hex,
 )
 from beamtouch_daemon.sources.reading import NoAnswerError
@@ -49,6 +50,8 @@ class RtuLine:
         """The last request that is over."""
         self._answering = set[int]()
         """The units that have answered."""
+        self._late = set[int]()
+        """Those of them whose last answer came after its timeout."""
 
     async def exchange(self, address: int, block: Block, timeout_s: float) -> Answer:
         """Send a request to a unit; return its answer or refusal, NoAnswerError if neither comes intact in time."""
@@ -65,13 +68,14 @@ class RtuLine:
                         self._take_unexpected(received[end:])
                         self._debug_answer(address, block, came, (end - len(data) - ENVELOPE_BYTES, end), answer)
                         self._answering.add(address)
+                        self._late.discard(address)
                         self._earlier = Request(address, block, asked_s, is_answered=True)
                         return answer
             self._note(received)
             self._debug_silence(address, block, came, timeout_s)
             self._earlier = Request(address, block, asked_s, is_answered=False)
         within = f"within {timeout_s * 1e3:.0f} ms"
-        if any(answers_of(address, received)):
+        if any(answers_of(address, received)) or (address in self._late and not received):
             raise NoAnswerError(f"unit {address} answers, but not {within}: its answers come late", Failure.LATE)
         if received:
             raise NoAnswerError(f"unit {address} does not answer intact {within}", Failure.DAMAGED)
@@ -135,6 +139,8 @@ class RtuLine:
                 words = describe_received(unexpected, earlier=self._earlier, now_s=self.port.taken_s)
                 _logger.debug("%s: before a request %s", self.port.path, words)
             self._note(unexpected)
+            if self._earlier is not None and not self._earlier.is_answered and holds_answer(unexpected, self._earlier):
+                self._late.add(self._earlier.address)
             self._take_unexpected(unexpected)
             try:
                 yield unexpected
