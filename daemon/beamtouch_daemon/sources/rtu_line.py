@@ -47,11 +47,11 @@ class RtuLine:
         """Held for one request and its answer."""
         self._free_s = 0.0
         self._earlier: Request | None = None
-        """The last request that is over."""
+        """The last request that is over; None if it was answered, unless the debug log is to tell a second answer."""
         self._answering = set[int]()
-        """The units that have answered."""
+        """Units that have answered, for the debug log."""
         self._late = set[int]()
-        """Those of them whose last answer came after its timeout."""
+        """Units whose last answer came after its timeout."""
 
     async def exchange(self, address: int, block: Block, timeout_s: float) -> Answer:
         """Send a request to a unit; return its answer or refusal, NoAnswerError if neither comes intact in time."""
@@ -66,10 +66,11 @@ class RtuLine:
                     if answer := answer_to(block, data, asked_s):
                         self.port.traffic.note_frame(uptime_s())
                         self._take_unexpected(received[end:])
-                        self._debug_answer(address, block, came, (end - len(data) - ENVELOPE_BYTES, end), answer)
-                        self._answering.add(address)
                         self._late.discard(address)
-                        self._earlier = Request(address, block, asked_s, is_answered=True)
+                        if _logger.isEnabledFor(logging.DEBUG):
+                            self._debug_answer(address, block, came, (end - len(data) - ENVELOPE_BYTES, end), answer)
+                        else:
+                            self._earlier = None
                         return answer
             self._note(received)
             self._debug_silence(address, block, came, timeout_s)
@@ -103,17 +104,18 @@ class RtuLine:
 
     def _debug_answer(self, address: int, block: Block, came: bytes, place: tuple[int, int], answer: Answer) -> None:
         """Write an answer to the debug log, and what came beside it; without echo, it begins and ends at `place`."""
-        if _logger.isEnabledFor(logging.DEBUG):
-            now_s, request, (begin, end) = uptime_s(), encode(address, block), place
-            received = came.replace(request, b"")
-            remarks = [exception_words(answer.exception)] if answer.exception else []
-            beside = describe_beside(
-                received[:begin], received[end:], address, block, self._earlier, now_s, is_echoed=received != came
-            )
-            asked, remarks = describe_request(address, block, request), [*remarks, *([beside] if beside else [])]
-            words = "%s: %s; answered after %.1f ms (%s)%s"
-            took_ms, remark = (now_s - answer.asked_s) * 1e3, "".join(f"; {remark}" for remark in remarks)
-            _logger.debug(words, self.port.path, asked, took_ms, in_hex(came), remark)
+        now_s, request, (begin, end) = uptime_s(), encode(address, block), place
+        received = came.replace(request, b"")
+        beside = describe_beside(
+            received[:begin], received[end:], address, block, self._earlier, now_s, is_echoed=received != came
+        )
+        remarks = [exception_words(answer.exception)] if answer.exception else []
+        remark = "".join(f"; {words}" for words in (*remarks, beside) if words)
+        asked, took_ms = describe_request(address, block, request), (now_s - answer.asked_s) * 1e3
+        words = "%s: %s; answered after %.1f ms (%s)%s"
+        _logger.debug(words, self.port.path, asked, took_ms, in_hex(came), remark)
+        self._answering.add(address)
+        self._earlier = Request(address, block, answer.asked_s, is_answered=True)
 
     def _debug_silence(self, address: int, block: Block, came: bytes, timeout_s: float) -> None:
         """Write to the debug log that no answer came, what came instead, and what to check."""
