@@ -30,7 +30,7 @@ from beamtouch_models.lab.rig.surface import VirtualSurface
 from beamtouch_service.api.samples import decompress
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.surface import Surface as Served
-from beamtouch_service.surfaces.view import contact_of
+from beamtouch_service.surfaces.fields import encode
 from daemon.devices import with_crc
 from support.surfaces.example_scenes import SCENES
 
@@ -76,9 +76,9 @@ def batch_of(body: bytes) -> Batch:
     return Batch.model_validate_json(decompress(body, "gzip"))
 
 
-def answer_of(surface: Served, now_s: float) -> str:
+def answer_of(surface: Served, now_s: float) -> bytes:
     """Return the answer to `GET /contact`."""
-    return contact_of(surface.view(now_s)).model_dump_json()
+    return encode(surface.view(now_s))
 
 
 def run() -> Clock:
