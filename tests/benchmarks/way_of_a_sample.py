@@ -29,8 +29,8 @@ from beamtouch_models.lab.rig.loads import Load
 from beamtouch_models.lab.rig.surface import VirtualSurface
 from beamtouch_service.api.samples import decompress
 from beamtouch_service.samples import Batch
-from beamtouch_service.surfaces.surface import Surface as Served
 from beamtouch_service.surfaces.fields import encode
+from beamtouch_service.surfaces.surface import Surface as Served
 from daemon.devices import with_crc
 from support.surfaces.example_scenes import SCENES
 
