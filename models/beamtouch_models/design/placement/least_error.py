@@ -7,9 +7,9 @@ samples with drawn errors, which show how often two places are confused: these a
 layout to them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from beamtouch_models.names import SearchName
 
 ROUGH, FINE, DRAWN = 64, 256, 4_096
 """Usual numbers of contacts; they are powers of two."""
-ROUGH_CELLS, FINE_CELLS, DRAWN_CELLS = (96, 512), (256, 2048), (512, 4096)
+ROUGH_CELLS, FINE_CELLS, DRAWN_CELLS = (96, 512), (128, 2048), (256, 4096)
 """Smallest and largest numbers of cells; between them, one for each mean error of an equal pitch."""
 LEAST = 64
 """Fewest contacts."""
@@ -49,8 +49,13 @@ class Stages:
 
     rough: PositionError
     fine: PositionError
-    drawn: PositionError
-    """By samples with drawn errors."""
+    draw: Callable[[], PositionError]
+    """Makes the objective of the last stage, which not every search needs."""
+
+    @cached_property
+    def drawn(self) -> PositionError:
+        """By samples with drawn errors."""
+        return self.draw()
 
 
 def stages_of(
@@ -83,7 +88,7 @@ def stages_of(
     return Stages(
         rough=objective(with_all=few, with_failed=few, price=PRICE),
         fine=objective(with_all=contacts(FINE, FINE_CELLS), with_failed=contacts(FINE, ROUGH_CELLS, as_many)),
-        drawn=objective(
+        draw=lambda: objective(
             with_all=contacts(DRAWN, DRAWN_CELLS, noisy=True),
             with_failed=contacts(DRAWN, DRAWN_CELLS, as_many, noisy=True),
         ),

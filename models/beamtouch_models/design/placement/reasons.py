@@ -17,7 +17,7 @@ from beamtouch_models.design.placement.mean_error import MeanError, mean_error_o
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime.error_model import Errors
 
-CONTACTS, LEAST, CELLS = 4_096, 256, (512, 2048)
+CONTACTS, LEAST, CELLS = 4_096, 256, (256, 2048)
 """Usual and smallest number of contacts; smallest and largest number of cells."""
 INNER = 0.9
 """Share of the range that is not its ends."""

@@ -1,8 +1,8 @@
 """The searches for a layout: exchange by steps, and the paper's. Each takes any objective.
 
 The exchange moves one sensor or two by a step along an axis, takes a gain where it finds one, and halves the step when
-no move gains. Steps do not lead over a support, beside which no sensor sees much; so at the end it tries each sensor at
-places all over the structure, and goes on from a gain.
+no move gains. Steps do not lead over a support, beside which no sensor sees much; so at the end, from the best layout of
+all starts, it tries each sensor at places all over the structure, and goes on from a gain.
 The paper's search clones the best layout, varies the clones, keeps the best, and varies less when nothing gains. Its
 scores are logarithms here. Two additions make it reach the optimum from every seed: it begins from several layouts, and
 some clones move one or two sensors instead of all.
@@ -83,7 +83,7 @@ class SearchRun:
 def refine(objective: Objective, layout: Indices, most: int, step: int | None = None) -> SearchRun:
     """Move the sensors of an allowed layout (sensors,) while it gains, at first by a step in places, by default small.
 
-    `most` is that of `exchange`.
+    After `most` layouts it tries no smaller step.
     """
     first = SearchRun((layout,), (float(objective.scores(layout[None])[0]),), 1)
     return _by_steps(objective, first, most, step or near_steps(objective.rules))
@@ -116,7 +116,10 @@ def search_from(
         score = float(objective.scores(layout[None])[0])
         if score > -np.inf:
             run, by_steps = SearchRun((layout,), (score,), 1), search == "exchange"
-            runs.append(exchange(objective, run, most, finest) if by_steps else paper_search(objective, run, rng))
+            runs.append(_walk(objective, run, most, finest) if by_steps else paper_search(objective, run, rng))
+    if search == "exchange":
+        best = max(range(len(runs)), key=lambda number: runs[number].score)
+        runs[best] = jump(objective, runs[best], most, finest)
     return runs
 
 
@@ -126,17 +129,13 @@ def first_best(runs: Sequence[SearchRun]) -> SearchRun:
     return next(run for run in runs if run.score >= best - 1e-9 * abs(best))
 
 
-def exchange(objective: Objective, run: SearchRun, most: int, finest: int = 1) -> SearchRun:
-    """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does.
+def jump(objective: Objective, run: SearchRun, most: int, finest: int = 1) -> SearchRun:
+    """Try each sensor all over the structure, and go on by steps from the largest gain, until there is none.
 
-    At the end each sensor is tried all over the structure; the steps begin anew from the largest gain. After `most`
-    layouts it tries no smaller step.
+    It begins no such round after `most` layouts, beside those that the run has scored before.
     """
-    count = len(run.layout)
-    step = max(1, objective.rules.ticks_across // (4 * along_axis(count, objective.rules.axes)))
-    run = _by_steps(objective, run, most, step, finest)
-    places = objective.rules.evenly(JUMPS)
-    while run.evaluations < most:
+    count, places, before = len(run.layout), objective.rules.evenly(JUMPS), run.evaluations
+    while run.evaluations < before + most:
         trials = np.repeat(run.layout[None, :], len(places) * count, axis=0)
         trials[np.arange(len(trials)), np.repeat(np.arange(count), len(places))] = np.tile(places, count)
         trials = np.sort(trials, axis=1)
@@ -151,11 +150,22 @@ def exchange(objective: Objective, run: SearchRun, most: int, finest: int = 1) -
         if best_score == run.score:
             return SearchRun(run.layouts, run.scores, evaluations)
         run = SearchRun((*run.layouts, best), (*run.scores, best_score), evaluations)
-        run = _by_steps(objective, run, most, step, finest)
+        run = _walk(objective, run, before + most, finest)
     return run
 
 
+def _walk(objective: Objective, run: SearchRun, most: int, finest: int) -> SearchRun:
+    """Move sensors by steps, at first by a quarter of the distance that equal pitch has."""
+    axes = objective.rules.axes
+    step = max(1, objective.rules.ticks_across // (4 * along_axis(len(run.layout), axes)))
+    return _by_steps(objective, run, most, step, finest)
+
+
 def _by_steps(objective: Objective, run: SearchRun, most: int, step: int, finest: int = 1) -> SearchRun:
+    """Move one sensor or two by a step, on and on while it gains, and halve the step when no move does.
+
+    After `most` layouts it tries no smaller step.
+    """
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
     rules, group, sensors = objective.rules, objective.at_once, len(run.layout)
     moves = _moves(sensors, rules.axes)
