@@ -3,7 +3,9 @@
 The best known is the best of all seeds, of an enumeration of a coarse grid with every layout near the best refined (two
 and three sensors), and of many random starts (more). All are scored on the same contacts with drawn errors, which no
 search has seen. Then what each layout costs: with the worst sensor failed, over the inner nine tenths of the contacts'
-range, and over its ends, beside the paper's layout and equal pitch.
+range, and over its ends, beside the paper's layout and equal pitch. A row states the processor time of a search, the
+median of the seeds. `--failed 0,5,10,100` prints instead, for each share of the time, the error of its layout with all
+sensors and with the worst one failed, beside those of the paper's layout, all on the same contacts.
 """
 
 import argparse
@@ -100,6 +102,18 @@ def row_of(name: str, surface: Surface, count: int, seeds: int, aim: Aim) -> dic
     }  # fmt: skip
 
 
+def weighed(name: str, surface: Surface, count: int, percents: list[float], effort: Effort) -> str:
+    """Return the row of a table: what a failure that counts so much makes of the layout."""
+    papers = place(surface.influence, surface.rules, count, 0).place_mm
+    layouts = [papers]
+    for percent in percents:
+        aim = Aim(DEFAULT_AIM.criterion, percent, effort=effort)
+        layouts.append(place_sensors(surface, count=count, aim=aim).placement.place_mm)
+    costs, share = costs_of(surface.influence, surface.errors, layouts, JUDGED_BY), 100 / surface.influence.diagonal_mm
+    cells = [f"{one.all_mm * share:.2f}, {max(one.failed_mm) * share:.3g}" for one in costs]
+    return f"| {name}, {count} | {' | '.join(cells)} |"
+
+
 def main() -> None:
     """Print a row for each scene and number of sensors."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -108,6 +122,7 @@ def main() -> None:
     parser.add_argument("--counts", default="2,3,4,5,6", help="numbers of sensors")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--effort", type=float, default=1.0)
+    parser.add_argument("--failed", default="", metavar="PERCENTS", help="shares of the time with commas: print these")
     options = parser.parse_args()
     names = [path.stem for path in sorted(SCENES.glob("*.toml"))] if options.scenes == "all" else []
     names = names or [name for name in options.scenes.split(",") if name != "none"]
@@ -119,6 +134,11 @@ def main() -> None:
         for name, scene in scenes:
             surface = resolve(scene)
             for count in map(int, options.counts.split(",")):
+                if options.failed:
+                    print(
+                        weighed(name, surface, count, [*map(float, options.failed.split(","))], aim.effort), flush=True
+                    )
+                    continue
                 try:
                     row = row_of(name, surface, count, options.seeds, aim)
                 except SceneError as error:

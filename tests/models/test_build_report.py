@@ -209,7 +209,7 @@ def test_a_larger_force_is_noted_where_forces_are_open_and_unexplained_where_the
     def answered(force_n: tuple[float, float], sensors: int = 4) -> dict[str, str]:
         ranges = metadata.ranges.model_copy(update={"force_n": force_n})
         of_force = metadata.model_copy(update={"ranges": ranges, "layout": metadata.layout[:sensors]})
-        return {question.asked: question.answer for question in questions(surface, of_force, (1.0, 1.0), 1.0)}
+        return {question.asked: question.answer for question in questions(surface, of_force, (1.0, 1.0), 1.0, 2.0)}
 
     larger, several = "What if the force is larger?", "What if two things touch it, or something long lies on it?"
     assert answered((2.0, 20.0))[larger].startswith("Clearly beyond 20 N, answers carry the note `overload`")
@@ -234,3 +234,53 @@ def test_the_gap_under_the_largest_force_is_that_at_the_sensors_by_the_formula_o
     assert rest == float(gap.value.split()[0])
     assert rest - least == pytest.approx(sag_mm.max(), rel=0.01)
     assert sag_mm.max() < 0.95 * facts.model.metadata.max_deflection_mm
+
+
+def test_a_stop_stands_where_the_largest_force_leaves_it_free_and_the_sensor_in_its_range(facts: Facts) -> None:
+    surface, metadata = facts.built.layout.surface, facts.model.metadata
+    answers = {question.asked: question.answer for question in questions(surface, metadata, (1.0, 1.0), 1.0, 2.0)}
+    told = re.search(
+        r"beside (s\d), at .* mm, .*: ([\d.]+) to ([\d.]+) mm below", answers["What if the force is larger?"]
+    )
+    assert told is not None
+    name, free, ends = told[1], float(told[2]), float(told[3])
+    influence = np.array(metadata.influence.mm_per_n)
+    index = [channel.name for channel in metadata.layout].index(name)
+    assert influence[:, index].max() == influence.max()
+    assert free == pytest.approx(metadata.ranges.force_n[1] * influence.max(), rel=0.01)
+    assert free < ends == pytest.approx(metadata.sensor.standoff_mm - metadata.sensor.range_mm[0], rel=0.01)
+
+
+def test_an_honest_surface_passes_its_acceptance_in_nineteen_of_twenty_trials(facts: Facts, words: str) -> None:
+    rng, prior, length_mm = np.random.default_rng(3), facts.built.layout.prior, facts.model.metadata.length_mm
+    place = prior.extent.uniform(20 * 400, rng)
+    sample = prior.draw(place, rng.uniform(*prior.force_n, len(place)), rng)
+    answers = facts.model.answer(prior.measured(sample), prior.errors.noise_mm)
+    trials = np.abs(answers["position_mm"] - place[:, 0]).reshape(400, 20).mean(axis=1)
+    # 20 of 400 are expected beyond it, with a deviation of 4.4, and the bound has an error of its own.
+    assert 4 <= (trials > facts.profile.accepted_mm).sum() <= 40
+    held = (answers["position_low_mm"] <= place[:, 0]) & (place[:, 0] <= answers["position_high_mm"])
+    assert (held.reshape(400, 20).sum(axis=1) < 17).sum() <= 20
+    assert f"at most {facts.profile.accepted_mm:.2g} mm" in words
+    assert facts.profile.accepted_mm < 0.1 * length_mm
+
+
+def test_the_worst_failure_of_two_sensors_is_stated(facts: Facts, words: str) -> None:
+    assert facts.two_failed is not None
+    assert " and ".join(facts.two_failed.names) + ", the worst two" in words
+    assert facts.two_failed.limit.value > max(facts.model.metadata.placed.limit_without_percent)
+
+
+def test_the_bending_stress_is_stated_beside_what_a_weak_grade_of_a_stated_material_bears(facts: Facts) -> None:
+    """20 N in the middle of 400 mm of 25 x 3 mm: F l / 4 over b t^2 / 6 = 53 MPa."""
+    layout, metadata = facts.built.layout, facts.model.metadata
+    asked = "Is the beam strong enough?"
+
+    def told(**beam: object) -> str:
+        surface = replace(layout.surface, scene=change_scene(facts.scene, beam=beam))
+        return {each.asked: each.answer for each in questions(surface, metadata, (1.0, 1.0), 1.0, 2.0)}[asked]
+
+    assert told().startswith("Under 20 N at the worst place, bending stresses it by up to 53 MPa. Compare")
+    assert "A weak grade of steel bears 235 MPa once" in told(material="steel", youngs_modulus_gpa=None)
+    bare = {"width_mm": None, "thickness_mm": None, "youngs_modulus_gpa": None, "density_kg_m3": None}
+    assert "so its stress is not computed" in told(flexural_rigidity_n_mm2=1e7, **bare)

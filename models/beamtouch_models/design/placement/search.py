@@ -1,8 +1,8 @@
 """The searches for a layout: exchange by steps, and the paper's. Each takes any objective.
 
 The exchange moves one sensor or two by a step along an axis, takes a gain where it finds one, and halves the step when
-no move gains. Steps do not lead over a support, beside which no sensor sees much; so at the end, from the best layout of
-all starts, it tries each sensor at places all over the structure, and goes on from a gain.
+no move gains. Steps do not lead over a support, beside which no sensor sees much; so at the end, from the best of all
+starts, it tries each sensor at places all over the structure, and goes on from a gain.
 The paper's search clones the best layout, varies the clones, keeps the best, and varies less when nothing gains. Its
 scores are logarithms here. Two additions make it reach the optimum from every seed: it begins from several layouts, and
 some clones move one or two sensors instead of all.

@@ -1,4 +1,4 @@
-"""Materials of beams, with what a scene needs to know of each at room temperature, and the source.
+"""Materials of beams, with what a scene and a report need to know of each at room temperature, and the source.
 
 The ranges are those of real pieces. They say which stated modulus is implausible, and how far a modulus from the table
 may be off: the force scales with it, the position does not.
@@ -21,6 +21,10 @@ class Material:
     expansion_um_per_m_k: float
     """Coefficient of linear thermal expansion."""
     source: str
+    strength_mpa: float | None = None
+    """Stress at which a usual, weak grade yields or breaks; None where grades differ too much for one number."""
+    grade: str = ""
+    """That grade, and the source."""
 
 
 MaterialName = Literal[
@@ -29,26 +33,31 @@ MaterialName = Literal[
 
 MATERIALS: dict[MaterialName, Material] = {
     "steel": Material(
-        210.0, (190.0, 215.0), 7850.0, 12.0, f"EN 1993-1-1:2005, 3.2.6; EN 1993-1-2:2005, 3.2.2; range: {GERE}"
+        210.0, (190.0, 215.0), 7850.0, 12.0, f"EN 1993-1-1:2005, 3.2.6; EN 1993-1-2:2005, 3.2.2; range: {GERE}",
+        strength_mpa=235.0, grade="S235 yields: EN 10025-2",
     ),
     "stainless": Material(
         200.0, (185.0, 220.0), 7900.0, 16.0,
         "EN 10088-1:2005, annex E, for 1.4301 (AISI 304); 195 to 220 GPa and 10 to 16.5 um/(m K) over all grades, less "
         "in the rolling direction",
+        strength_mpa=210.0, grade="hot-rolled 1.4301 yields: EN 10088-2",
     ),
     "spring-steel": Material(
         206.0, (185.0, 215.0), 7850.0, 12.0, "EN 10270-1:2011 and EN 13906-1:2013; expansion as steel"
     ),
     "aluminium": Material(70.0, (68.0, 79.0), 2700.0, 23.0, f"EN 1999-1-1:2007, 3.2.5; range: {GERE}"),
     "brass": Material(103.0, (96.0, 110.0), 8500.0, 20.0, f"{GERE}, middles of the ranges"),
-    "glass": Material(70.0, (48.0, 83.0), 2500.0, 9.0, f"EN 572-1:2012, soda-lime; range over all glasses: {GERE}"),
+    "glass": Material(70.0, (48.0, 83.0), 2500.0, 9.0, f"EN 572-1:2012, soda-lime; range over all glasses: {GERE}",
+        strength_mpa=45.0, grade="float glass breaks: EN 572-1",),
     "acrylic": Material(
         3.3, (2.2, 3.8), 1190.0, 70.0,
         "PMMA; data sheets of Plexiglas GS and XT (ISO 527-2, ISO 1183); the modulus falls as it warms and creeps",
+        strength_mpa=70.0, grade="it breaks: data sheets of Plexiglas, ISO 527",
     ),
     "polycarbonate": Material(
         2.4, (2.0, 2.5), 1200.0, 65.0,
         "data sheets of Makrolon (ISO 527, ISO 1183, ISO 11359), 65 to 70 um/(m K); it creeps: 1.9 GPa after 1000 h",
+        strength_mpa=60.0, grade="it yields: data sheets of Makrolon, ISO 527",
     ),
     "glass-fibre": Material(
         20.0, (15.0, 28.0), 1850.0, 14.0,

@@ -52,11 +52,11 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
     parts = [
         opening("drawing", WIDTH, HEIGHT, says),
         *_keep_outs(scene, px),
+        *bent,
         *_sensors(scene, metadata, px),
         *_foundation(scene.beam, px),
         *_beam(scene.beam, px),
         *_supports(scene.beam, px),
-        *bent,
         *_contact(scene, px),
         *_scale(px),
         "</svg>",
@@ -136,7 +136,7 @@ def _bend(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[
     times = max(1.0, _round_down(BENT_PX / largest_px))
     pairs = zip(drawn.at_mm, deflection_mm[load], strict=True)
     points = " ".join(f"{px.x(position_mm):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for position_mm, mm in pairs)
-    larger = "to scale" if times == 1 else f"drawn {times:g} times larger"
+    larger = "to scale" if times == 1 else f"drawn {times:g} times larger and behind the sensors"
     words = f"dashed: bent by {force_n:g} N at {digits(drawn.load_mm[load], 4)} mm, {larger}"
     return [f'<polyline {BENT} points="{points}"/>'], [words]
 

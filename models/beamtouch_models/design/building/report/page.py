@@ -6,6 +6,7 @@ Beyond what the build measured, it shows the error along the beam, components, a
 import re
 from dataclasses import dataclass
 from importlib.resources import files
+from itertools import combinations
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
@@ -14,7 +15,7 @@ from markupsafe import Markup, escape
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.evaluation import estimates
-from beamtouch_models.design.accuracy.limit import compare_limits, simulated
+from beamtouch_models.design.accuracy.limit import compare_limits, limits_without, simulated
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.design.building.build import Built
@@ -22,7 +23,7 @@ from beamtouch_models.design.building.compared import Compared, compare_layout
 from beamtouch_models.design.building.remarks import weak_spot
 from beamtouch_models.design.building.report.beam_drawing import beam_drawing
 from beamtouch_models.design.building.report.parts import parts_of, places_of
-from beamtouch_models.design.building.report.questions import can, cannot, questions
+from beamtouch_models.design.building.report.questions import TRIED, can, cannot, questions
 from beamtouch_models.design.charts import STYLE, Chart, Series, draw
 from beamtouch_models.design.placement.eigenvalue_product import principal_components
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, score_layout
@@ -36,8 +37,10 @@ from beamtouch_models.places import on_axis, positions_of
 from beamtouch_models.runtime.description import SOUGHT, extremes, nothing_seen, per_day, unseen
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
 
-PROFILE_DRAWS, LAYOUT_DRAWS, LEAST_DRAWS = 8_192, 4_096, 256
+PROFILE_DRAWS, LAYOUT_DRAWS, PAIR_DRAWS, LEAST_DRAWS = 8_192, 4_096, 1_024, 256
 """Usual numbers of simulated contacts, and the smallest."""
+TRIALS = 20_000
+"""Simulated acceptances."""
 PROFILE_BINS = 24
 SEED_SHIFT = 5
 """The build uses its seed and the four after it; the report uses the next ones."""
@@ -74,6 +77,8 @@ class Profile:
     last: Part
     force_n: Measurement | None
     """Mean |error| of force; None if the model states none."""
+    accepted_mm: float
+    """What the mean |error| of `TRIED` contacts exceeds in one of twenty trials."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,15 @@ class OtherLayout:
 
 
 @dataclass(frozen=True)
+class TwoFailed:
+    """The two sensors whose failure together costs most."""
+
+    names: tuple[str, str]
+    limit: Measurement
+    """In percent of the length."""
+
+
+@dataclass(frozen=True)
 class Facts:
     """Everything that the page shows."""
 
@@ -100,6 +114,7 @@ class Facts:
     layouts: tuple[OtherLayout, ...]
     """The model's first."""
     compared: Compared
+    two_failed: TwoFailed | None
 
 
 def gather(built: Built, progress: Progress) -> Facts:
@@ -107,7 +122,7 @@ def gather(built: Built, progress: Progress) -> Facts:
     progress("measuring for the report", 0.97)
     model = load_bytes(built.content, "the model just built")
     profile = _profile(built.layout.prior, model, built)
-    return Facts(built.layout.surface.scene, built, model, profile, *_layouts(built))
+    return Facts(built.layout.surface.scene, built, model, profile, *_layouts(built), _two_failed(built))
 
 
 def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
@@ -144,7 +159,28 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
         None
         if "force_n" not in answers
         else mean_of(np.abs(answers["force_n"] - contacts.drawn.force_n), contacts.drawn.weight),
+        _accepted_mm(error_mm, weight, built.metadata.seed + SEED_SHIFT),
     )
+
+
+def _accepted_mm(error_mm: Floats, weight: Floats, seed: int) -> float:
+    """Return the largest mean of `TRIED` errors that honest trials keep in 19 of 20, from errors of any shape."""
+    rng = np.random.default_rng(seed)
+    drawn = rng.choice(error_mm.ravel(), size=(TRIALS, TRIED), p=weight.ravel() / weight.sum())
+    return float(np.quantile(drawn.mean(axis=1), 0.95))
+
+
+def _two_failed(built: Built) -> TwoFailed | None:
+    """Measure the worst failure of two sensors; None if the model needs all sensors but one."""
+    metadata, prior = built.metadata, built.layout.prior
+    if len(metadata.layout) - metadata.min_channels < 2:
+        return None
+    pairs = list(combinations(range(prior.channels), 2))
+    draws = built.layout.aim.effort.of(PAIR_DRAWS, LEAST_DRAWS)
+    compared = list(limits_without(prior, pairs, draws, metadata.seed + SEED_SHIFT + 2))
+    worst = int(np.argmax([each.ratio.value for each in compared]))
+    first, second = (metadata.layout[index].name for index in pairs[worst])
+    return TwoFailed((first, second), compared[worst].ratio.scaled(metadata.accuracy.limit_percent))
 
 
 def _layouts(built: Built) -> tuple[tuple[OtherLayout, ...], Compared]:
@@ -200,6 +236,7 @@ def page(facts: Facts) -> str:
             metadata,
             (profile.first.error_mm.value, profile.last.error_mm.value),
             profile.middle.error_mm.value,
+            profile.accepted_mm,
         ),
         sought=SOUGHT,
         smallest_n=extremes(metadata.smallest_force.force_n),
@@ -241,7 +278,7 @@ def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]
     remarks += [nothing_seen(facts.model.metadata)]
     remark = "".join(f"; {text}" for text in remarks if text) if strongest in forces else ""
     curve = Series("", seen.position_mm, forces)
-    chart = Chart(says, x_label, "force, N", [curve], y_from_zero=True)
+    chart = Chart(says, x_label, "force, N", [curve], log_y=True)
     charts.append(("seen", chart, remark))
     load_mm = positions_of(facts.built.layout.surface.influence.place_mm)
     scaled = components_mm / facts.model.metadata.noise.sample_mm
