@@ -201,7 +201,7 @@ def round_ticks(low: float, high: float, least_step: float = 0.0) -> tuple[float
 def _log_ticks(low: float, high: float) -> tuple[float, ...]:
     """Return the powers of ten, with their multiples by 2 and 5 if there are few."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    factors = (1, 2, 5) if len(decades) <= 3 else (1,)
+    factors = (1, 2, 5) if len(decades) <= 4 else (1,)
     stride = max(1, len(decades) // 8)
     values = (factor * 10.0**decade for decade in decades[::stride] for factor in factors)
     return tuple(value for value in values if low <= value <= high)
