@@ -1,4 +1,4 @@
--- format 14
+-- format 15
 CREATE TABLE beamtouch_format (
     format INTEGER NOT NULL
 );
@@ -9,9 +9,9 @@ CREATE INDEX by_time ON events (touched_us, id);
 CREATE TABLE commissionings (
     id INTEGER NOT NULL PRIMARY KEY AUTOINCREMENT,
     surface VARCHAR NOT NULL,
-    course VARCHAR NOT NULL,
+    run VARCHAR NOT NULL,
     report JSON NOT NULL,
-    UNIQUE (course)
+    UNIQUE (run)
 );
 CREATE TABLE cursors (
     surface VARCHAR NOT NULL,

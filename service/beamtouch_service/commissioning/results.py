@@ -1,25 +1,35 @@
 """The confirmed results of commissionings, in the record."""
 
-from sqlalchemy import delete, insert, select
+from sqlalchemy import JSON, Column, String, Table, delete, insert, select
 
 from beamtouch_service.commissioning.report import Recorded, Report
-from beamtouch_service.record import COMMISSIONINGS, Reader, Transactions
+from beamtouch_service.record import ROW_NUMBER, TABLES, Reader, Transactions
 
 MAX_KEPT = 20
 """Results that are kept of each surface, however old they are."""
-_c = COMMISSIONINGS.c
+_RESULTS = Table(
+    "commissionings",
+    TABLES,
+    Column("id", ROW_NUMBER, primary_key=True),
+    Column("surface", String, nullable=False, index=True),
+    Column("run", String, nullable=False, unique=True),
+    Column("report", JSON, nullable=False),
+    sqlite_autoincrement=True,
+)
+"""A row per confirmed result. It is of people, not of samples, so no cursor knows it."""
+_c = _RESULTS.c
 
 
 def add(transactions: Transactions, run: str, report: Report) -> int:
     """Put the result of a run on record, unless it is there, and drop those beyond the newest; return its id."""
     of_surface = _c.surface == report.surface
-    row = {"surface": report.surface, "course": run, "report": report.model_dump(mode="json")}
+    row = {"surface": report.surface, "run": run, "report": report.model_dump(mode="json")}
     with transactions.database.writing() as connection:
-        number: int | None = connection.scalar(select(_c.id).where(_c.course == run))
+        number: int | None = connection.scalar(select(_c.id).where(_c.run == run))
         if number is None:
-            number = connection.execute(insert(COMMISSIONINGS).returning(_c.id), row).scalar_one()
+            number = connection.execute(insert(_RESULTS).returning(_c.id), row).scalar_one()
             newest = select(_c.id).where(of_surface).order_by(_c.id.desc()).limit(MAX_KEPT)
-            connection.execute(delete(COMMISSIONINGS).where(of_surface, _c.id.not_in(newest)))
+            connection.execute(delete(_RESULTS).where(of_surface, _c.id.not_in(newest)))
     return number
 
 

@@ -9,7 +9,7 @@ forecast   for how long events are kept
 """
 
 from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError
-from beamtouch_service.record.database.tables import COMMISSIONINGS
+from beamtouch_service.record.database.tables import ROW_NUMBER, TABLES
 from beamtouch_service.record.events.event import Begin, Contradiction, End, Event, EventKind
 from beamtouch_service.record.forecast import describe_kept_days
 from beamtouch_service.record.reading.queries import (
@@ -25,7 +25,7 @@ from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.record.writing.transactions import Due, Transactions
 
 __all__ = [
-    "COMMISSIONINGS", "MAX_ANSWERS", "Begin", "Contradiction", "Due", "End", "Event", "EventKey", "EventKind", "Reader",
-    "RecordAwayError", "RecordUnusableError", "Recorder", "TooManyReadersError", "Transactions", "describe_kept_days",
-    "find_best_samples", "find_events", "get_recorded_event", "read_best_samples", "read_events",
+    "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Begin", "Contradiction", "Due", "End", "Event", "EventKey", "EventKind",
+    "Reader", "RecordAwayError", "RecordUnusableError", "Recorder", "TooManyReadersError", "Transactions",
+    "describe_kept_days", "find_best_samples", "find_events", "get_recorded_event", "read_best_samples", "read_events",
 ]  # fmt: skip

@@ -28,11 +28,13 @@ from sqlalchemy.types import TypeEngine
 from beamtouch_service.record.database.values import Word
 from beamtouch_service.record.events.event import Begin, End, Event, EventKind, Numbered
 
-FORMAT = 14
+FORMAT = 15
 """The format of the record. A record of another one is refused. Raise it when a table, a field of `Event` or the memory
 of a cursor changes."""
-_NUMBER = BigInteger().with_variant(Integer, "sqlite")
-_ALL = MetaData()
+ROW_NUMBER = BigInteger().with_variant(Integer, "sqlite")
+"""The type of a column that numbers the rows."""
+TABLES = MetaData()
+"""All tables of the database. Another room adds its own here when it is imported: they are created with the others."""
 
 
 _TYPES: dict[object, TypeEngine[Any]] = {
@@ -60,8 +62,8 @@ def _column(entry: Field[Any]) -> Column[Any]:
 
 EVENTS = Table(
     "events",
-    _ALL,
-    Column("id", _NUMBER, primary_key=True),
+    TABLES,
+    Column("id", ROW_NUMBER, primary_key=True),
     *map(_column, fields(Event)),
     Column("recorded_s", Double, nullable=False),
     sqlite_autoincrement=True,
@@ -69,7 +71,7 @@ EVENTS = Table(
 """A row per event: the fields of an `Event`, and the time of the record when it was last written."""
 CURSORS = Table(
     "cursors",
-    _ALL,
+    TABLES,
     Column("surface", String, primary_key=True),
     Column("boot_id", String, primary_key=True),
     Column("durable", BigInteger, nullable=False),
@@ -83,7 +85,7 @@ CURSORS = Table(
 on the next sample needs, and the event that is open."""
 HEALTH = Table(
     "health",
-    _ALL,
+    TABLES,
     Column("surface", String, primary_key=True),
     Column("version", BigInteger, nullable=False),
     Column("model", String, nullable=False),
@@ -93,36 +95,26 @@ HEALTH = Table(
 """A row per surface: what the best samples of its events are of, and the newest of them."""
 HEALTH_BLOCKS = Table(
     "health_blocks",
-    _ALL,
+    TABLES,
     Column("surface", String, primary_key=True),
     Column("first_us", BigInteger, primary_key=True),
     Column("number", Integer, primary_key=True),
     Column("block", JSON, nullable=False),
 )
 """Sums of the best samples since the baseline of a surface began: a row per `health.BlockKey`."""
-TIME = Table("time", _ALL, Column("passed_s", Double, nullable=False), Column("clock_s", Double))
+TIME = Table("time", TABLES, Column("passed_s", Double, nullable=False), Column("clock_s", Double))
 """One row: the time of the record, as `ageing.RecordTime`."""
-DESTINATIONS = Table("destinations", _ALL, Column("name", String, primary_key=True))
+DESTINATIONS = Table("destinations", TABLES, Column("name", String, primary_key=True))
 DELIVERIES = Table(
     "deliveries",
-    _ALL,
-    Column("number", _NUMBER, primary_key=True),
+    TABLES,
+    Column("number", ROW_NUMBER, primary_key=True),
     Column("destination", String, nullable=False),
     Column("event", BigInteger, ForeignKey("events.id", ondelete="CASCADE"), nullable=False, index=True),
     sqlite_autoincrement=True,
 )
 """A row per finished event that a destination has yet to acknowledge, in the order in which they finished."""
-COMMISSIONINGS = Table(
-    "commissionings",
-    _ALL,
-    Column("id", _NUMBER, primary_key=True),
-    Column("surface", String, nullable=False, index=True),
-    Column("course", String, nullable=False, unique=True),
-    Column("report", JSON, nullable=False),
-    sqlite_autoincrement=True,
-)
-"""A row per confirmed result of a commissioning. It is of people, not of samples, so no cursor knows it."""
-_FORMATS = Table("beamtouch_format", _ALL, Column("format", Integer, nullable=False))
+_FORMATS = Table("beamtouch_format", TABLES, Column("format", Integer, nullable=False))
 
 # Written out: SQLite uses a partial index only for a condition without parameters.
 IS_FINISHED = EVENTS.c.end != literal_column(f"'{End.OPEN}'")
@@ -153,7 +145,7 @@ def prepare(connection: Connection) -> None:
     """Create the tables in an empty database; raises OtherFormatError for any other that has not got them."""
     present = inspect(connection).get_table_names()
     if not present:
-        _ALL.create_all(connection, checkfirst=False)
+        TABLES.create_all(connection, checkfirst=False)
         connection.execute(insert(_FORMATS).values(format=FORMAT))
         connection.execute(insert(TIME).values(passed_s=0.0))
     elif _FORMATS.name not in present:
