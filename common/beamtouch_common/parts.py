@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from beamtouch_common.log_lines import Repeated
@@ -10,7 +11,7 @@ from beamtouch_common.waits import Backoff
 
 if TYPE_CHECKING:
     import logging
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Awaitable, Callable, Iterator
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
 """Pause before a part is begun again: doubled with each failure, so that a part that fails always disturbs no other."""
@@ -25,6 +26,7 @@ class Parts:
         self.failures: dict[str, int] = {}
         """Part -> how often an error ended it."""
         self._logger = logger
+        self._attempts = Repeated(logger)
 
     async def keep(
         self, name: str, work: Callable[[], Awaitable[None]], expected: type[Exception] | tuple[()] = ()
@@ -50,6 +52,23 @@ class Parts:
                 steady.cancel()
             await asyncio.sleep(pause_s)
 
+    @contextmanager
+    def attempt(self, name: str) -> Iterator[None]:
+        """Go on after an error of a part that works in this block, and is called again and again.
+
+        It is named until it succeeds.
+        """
+        try:
+            yield
+        except Exception as error:  # a fault of one part must not stop the others
+            self.failures[name] = self.failures.get(name, 0) + 1
+            self.failing[name] = f"unexpected error ({error!r})"
+            if line := self._attempts.line_if_due(f"{name}: unexpected error; all else goes on", f"{name} {error!r}"):
+                self._logger.critical("%s", line, exc_info=error)
+        else:
+            if self.failing.get(name):
+                self._note_recovery(name)
+
     def _note(self, name: str, error: Exception, pause_s: float, repeated: Repeated) -> None:
         self.failures[name] += 1
         first = _first(error)
@@ -60,8 +79,11 @@ class Parts:
     def _recover(self, name: str, backoff: Backoff) -> None:
         backoff.reset()
         if self.failing.get(name):
-            self._logger.info("%s: runs again", name)
-            self.failing[name] = ""
+            self._note_recovery(name)
+
+    def _note_recovery(self, name: str) -> None:
+        self._logger.info("%s: runs again", name)
+        self.failing[name] = ""
 
 
 def _first(error: Exception) -> Exception:

@@ -61,8 +61,11 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         )
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
-    context.change_log.log_changes(surface, begin_s)
-    durable, expected = await context.recorder.take(surface, batch, received.weighed(surface.model))
+    with context.parts.attempt("change log"):
+        context.change_log.log_changes(surface, begin_s)
+    durable = expected = None
+    with context.parts.attempt("record samples"):
+        durable, expected = await context.recorder.take(surface, batch, received.weighed(surface.model))
     receipt = Receipt(
         accepted=received.accepted,
         repeated=received.repeated,
@@ -87,7 +90,8 @@ def _follow(context: Context, surface: Surface, batch: Batch, received: Received
     """Move the answer by one sample after another, and the commissioning with it."""
     heard = 0
     for step in received.steps:
-        yield from context.commissioning_runs.take(surface, batch, received.decisions[heard:])
+        with context.parts.attempt("commissioning"):
+            yield from context.commissioning_runs.take(surface, batch, received.decisions[heard:])
         heard = len(received.decisions)
         yield step
 

@@ -96,10 +96,20 @@ class CommissioningRuns:
         if surface.model is not run.model:
             self.abandon(run, "The model of the surface changed meanwhile. Begin again.")
             return
-        for decision in decisions:
-            reason = f"no position: {decision.problem.kind.title.lower()}" if decision.problem else ""
-            seen = PressDecision(decision.state, decision.figures, reason)
-            yield from run.take(batch.boot_id, batch.channels, decision.estimate.sample, seen)
+        try:
+            yield from _take(run, batch, decisions)
+        except Exception:
+            if self._runs.get(surface.name) is run:
+                self.abandon(run, "An unexpected error of the service ended it; its log has the error. Begin again.")
+            raise
+
+
+def _take(run: CommissioningRun, batch: Batch, decisions: Iterable[Decision]) -> Iterator[None]:
+    """Let a run take the samples of a batch, with the decisions on them."""
+    for decision in decisions:
+        reason = f"no position: {decision.problem.kind.title.lower()}" if decision.problem else ""
+        seen = PressDecision(decision.state, decision.figures, reason)
+        yield from run.take(batch.boot_id, batch.channels, decision.estimate.sample, seen)
 
 
 def _other(surface: str, detail: str) -> Problem:

@@ -80,7 +80,7 @@ def _of_parts(reasons: Mapping[str, str], failures: Mapping[str, int]) -> Iterat
     for section, reason in reasons.items():
         missing.add_metric([section], bool(reason))
     yield missing
-    words = "Times that a part of the service failed and was begun again."
+    words = "Times that a part of the service failed; it goes on."
     failed = CounterMetricFamily("beamtouch_part_failures", words, labels=["part"])
     for part, count in failures.items():
         failed.add_metric([part], count)

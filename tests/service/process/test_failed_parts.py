@@ -43,6 +43,8 @@ PARTS = [
     Case("modbus_server", "beamtouch_service.outputs.modbus.server", "asyncio", "start_server", is_early=True),
     Case("mqtt", "beamtouch_service.outputs.mqtt.publisher", "Publisher", "_introduce", is_early=True),
     Case("mqtt contacts", "beamtouch_service.outputs.mqtt.contacts", "ContactSender", "_send"),
+    Case("mqtt statuses", "beamtouch_service.outputs.mqtt.statuses", "", "status_of"),
+    Case("mqtt leftovers", "beamtouch_service.outputs.mqtt.leftovers", "Leftovers", "run", is_early=True),
     Case("mqtt events", "beamtouch_service.outputs.mqtt.events", "EventSender", "_find_due"),
     Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "build", is_early=True),
     Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "_wait_for_news"),

@@ -1,0 +1,105 @@
+"""Faults of what works on each batch beside the answer: the answer moves, and the fault is named until it is gone."""
+
+import logging
+from typing import NoReturn
+
+import pytest
+
+from beamtouch_service.api.change_log import ChangeLog
+from beamtouch_service.commissioning.run import CommissioningRun
+from beamtouch_service.commissioning.runs import CommissioningRuns
+from beamtouch_service.metrics.figures import Figures
+from beamtouch_service.record import Recorder
+from service.bench import TOKEN, Bench, batch_of
+from service.event_story import RESTING, TOUCHING
+
+COMMISSIONING = "/surfaces/press-7/commissioning"
+
+
+def fail(*_arguments: object, **_options: object) -> NoReturn:
+    raise ZeroDivisionError("in a test")
+
+
+def missing(bench: Bench, part: str) -> str | None:
+    """Return what readiness says of a part; None if it says nothing."""
+    reason: str | None = bench.get("/health/ready").json().get("missing", {}).get(part)
+    return reason
+
+
+@pytest.mark.promise(
+    "docs/reference/metrics.md",
+    "holds up no answer when it fails, and counts as missing until it succeeds.",
+)
+@pytest.mark.parametrize(
+    ("part", "owner", "function"),
+    [
+        ("change log", ChangeLog, "log_changes"),
+        ("record samples", Recorder, "take"),
+        ("commissioning", CommissioningRuns, "take"),
+    ],
+)
+def test_a_fault_beside_the_answer_holds_up_no_answer_and_is_named_until_it_is_gone(
+    bench: Bench,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    part: str,
+    owner: type,
+    function: str,
+) -> None:
+    caplog.set_level(logging.INFO, "beamtouch_service")
+    with monkeypatch.context() as faulty:
+        faulty.setattr(owner, function, fail)
+        for sequence in (1, 2, 3):
+            assert bench.post(batch_of(TOUCHING, sequence=sequence)).status_code == 200
+        assert bench.get("/contact").json()["sequence"] == 3
+        assert missing(bench, part) == "unexpected error (ZeroDivisionError('in a test'))"
+        assert f'beamtouch_part_failures_total{{part="{part}"}} 3.0' in bench.metrics()
+    assert bench.post(batch_of(RESTING, sequence=4)).status_code == 200
+    assert missing(bench, part) is None
+    lines = [line for line in caplog.messages if line.startswith(part)]
+    assert lines == [f"{part}: unexpected error; all else goes on", f"{part}: runs again"]
+
+
+def test_without_the_record_a_receipt_says_that_nothing_is_durable_and_the_samples_come_again(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as faulty:
+        faulty.setattr(Recorder, "take", fail)
+        receipt = bench.post(batch_of(TOUCHING, sequence=1)).json()
+        assert (receipt["accepted"], receipt["durable"], receipt["expected"]) == (1, None, None)
+    assert bench.post(batch_of(TOUCHING, sequence=1)).json()["expected"] == 2
+
+
+def test_a_commissioning_that_fails_ends_with_the_reason(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.send()
+    assert bench.post(b"", COMMISSIONING, TOKEN).json()["run"]
+    monkeypatch.setattr(CommissioningRun, "take", fail)
+    assert bench.post(batch_of(RESTING, sequence=2)).status_code == 200
+    state = bench.get(COMMISSIONING).json()
+    assert state["run"] is None
+    assert state["ended"].startswith("An unexpected error of the service ended it")
+    assert missing(bench, "commissioning") is not None
+    assert bench.post(batch_of(RESTING, sequence=3)).status_code == 200
+    assert missing(bench, "commissioning") is None
+
+
+def test_a_listener_that_fails_hinders_neither_the_answer_nor_others(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    (surface,) = bench.app.context.registry
+    heard = list[str]()
+    surface.moves.add(fail)
+    surface.moves.add(lambda moved: heard.append(moved.name))
+    for sequence in (1, 2):
+        assert bench.post(batch_of(TOUCHING, sequence=sequence)).status_code == 200
+    assert heard == ["press-7"] * 2
+    assert bench.get("/contact").json()["sequence"] == 2
+    assert caplog.messages == ["a listener to a surface: unexpected error"]
+
+
+def test_metrics_that_fail_are_a_problem_and_come_again(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as faulty:
+        faulty.setattr(Figures, "read_service", fail)
+        answer = bench.get("/metrics")
+        assert (answer.status_code, answer.json()["type"]) == (500, "urn:beamtouch:problem:internal")
+    assert bench.get("/metrics").status_code == 200
