@@ -26,7 +26,7 @@ class OwnNames:
     def require(self, headers: Iterable[tuple[bytes, bytes]]) -> None:
         """Let a request with these headers pass; raises ProblemError (421) if it asks for a foreign name.
 
-        One without a name passes, as of a health check: browsers always send it.
+        A request without a name passes, such as that of a health check: browsers always send one.
         """
         for name, value in headers:
             if name == b"host" and not self._is_own(value):

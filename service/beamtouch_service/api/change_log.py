@@ -22,7 +22,7 @@ _OUT = {
     ),
     Quality.OUT_OF_RANGE: ("out of range", "check whether the sensor has moved, or something lies on the beam"),
 }
-"""How a channel is out, and what to look at."""
+"""Words for the way in which a channel is out, and what to look at."""
 
 _log = logging.getLogger(__name__)
 

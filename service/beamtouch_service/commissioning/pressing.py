@@ -38,15 +38,15 @@ class Stage(StrEnum):
     """The awaited action."""
 
     REST = "rest"
-    """That nothing touches the beam."""
+    """Nothing should touch the beam."""
     PRESS = "press"
     HOLD = "hold"
-    """That the press goes on."""
+    """The press should go on."""
     LIFT = "lift"
 
 
 class Movement(NamedTuple):
-    """How the channels moved in a press that was held."""
+    """The movement of the channels in a press that was held."""
 
     moved_mm: Floats
     """(channels,) from rest; NaN for a channel with values in less than half of the samples."""
@@ -60,7 +60,7 @@ class _Entry(NamedTuple):
     at_us: int
     values_mm: Floats
     size: float
-    """How far the channels are from rest, in deviations of the one that moved most."""
+    """Distance of the channels from rest, in deviations of the one that moved most."""
 
 
 class _Summary(NamedTuple):
@@ -105,9 +105,9 @@ class PressFinder:
         self._first_rest_mm = self._rest_mm
         """Rest values of the channels when the current press began to be awaited."""
         self._movement: Movement | None = None
-        """That of the press which awaits its lift."""
+        """The movement of the press that awaits its lift."""
         self._pressed = 0.0
-        """How far this press moved the channels, in deviations."""
+        """Largest movement of a channel by this press, in deviations."""
         self._still_since_us: int | None = None
         """Since when the beam has been still while a lift is awaited."""
 

@@ -43,12 +43,12 @@ class SensorResult(_Part):
     says: str = ""
     """The finding in words."""
     share: float | None = None
-    """How far its channel moved in all presses over what the model says of the sensor that it shows, relative to the
+    """Movement of its channel in all presses over what the model says of the sensor that it shows, relative to the
     other channels; null if that is too little to see."""
     quality: Quality | None = None
     """Quality of its channel during the press above it."""
     moved_mm: dict[str, float | None] | None = None
-    """How far each channel moved during the press above it, from rest, null for one that mostly had no values; null if
+    """Movement of each channel during the press above it, from rest, null for one that mostly had no values; null if
     the press was not seen."""
     force_n: float | None = None
     """Force of the press, as the model explains the movements."""
@@ -84,9 +84,9 @@ class Report(_Part):
     begun_at: str
     """Time by the clock of the service (RFC 3339)."""
     ended_at: str | None = None
-    """When it was confirmed; null until then."""
+    """Time of its confirmation; null until then."""
     by: str = ""
-    """Who confirmed it, as they said."""
+    """Name of the person who confirmed it, as typed."""
     passed: bool | None = None
     """Null until every step is done."""
     verdict: list[str] = []

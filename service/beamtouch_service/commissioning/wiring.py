@@ -25,7 +25,7 @@ TOLERANCE = 0.03
 """Error of a movement, as a part of the largest one of its press, as a standard deviation: gains and mounting of a
 surface that is not calibrated yet."""
 PLACE_SD_MM = 4.0
-"""How exactly a person presses above a sensor, as a standard deviation."""
+"""Standard deviation of the place at which a person presses when asked to press above a sensor."""
 REACH = np.linspace(-2.0, 2.0, 17)
 """Places of a press that are tried, in these deviations from the place that was asked for."""
 EXPLAINED = 4.0
@@ -45,7 +45,7 @@ class Press(NamedTuple):
     at_mm: float
     """The channel's place in the layout."""
     moved_mm: Floats
-    """How each channel moved (channels,), from rest, positive in the direction of the load; NaN for one that had
+    """Movement of each channel (channels,) from rest, positive in the direction of the load; NaN for one that had
     mostly no values: nothing is known of it then."""
     noise_mm: Floats
     """Standard deviation of these (channels,)."""
@@ -76,7 +76,7 @@ class Explanation(NamedTuple):
     forces_n: list[float]
     """Force of each press."""
     shares: Floats
-    """How far each channel moved over what the sensor that it shows should (channels,), relative to the other channels:
+    """Movement of each channel over that expected of the sensor that it shows (channels,), relative to the others:
     -1 for an inverted one, 0 for a dead one. NaN where that sensor moves too little to be seen."""
 
 
@@ -112,7 +112,7 @@ class _Best(NamedTuple):
 
     force_n: float
     moved_mm: Floats
-    """How far each sensor should move (sensors,)."""
+    """Expected movement of each sensor (sensors,)."""
     square: float
     """Sum of the squares of what is left."""
 

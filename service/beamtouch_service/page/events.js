@@ -33,7 +33,7 @@ export class Events {
     this.show(this.events);
   }
 
-  /** Rows stay where they are; only what changed is made anew. */
+  /** Rows stay where they are; only what changed is rebuilt. */
   show(events) {
     this.events = events;
     byId("events-section").hidden = events.length === 0;

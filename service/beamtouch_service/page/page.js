@@ -101,7 +101,7 @@ function fail() {
   const shown = { kind: "problem", title: "This page has failed", detail: RELOAD, contact: null, age: null };
   drawNow(shown);
   speak(shown);
-  said = ""; // so that all of the next state is shown anew
+  said = ""; // so that all of the next state is shown again
   document.body.dataset.state = shown.kind;
   for (const id of ["beam", "sign", "zones"]) byId(id).textContent = "";
 }

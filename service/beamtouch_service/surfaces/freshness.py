@@ -1,4 +1,4 @@
-"""When a batch that is read now arrived, as far as neither side can see it, and when its samples were taken.
+"""Arrival times of batches, as far as neither side can see them, and the times at which samples were taken.
 
 Pure: the caller gives the time in seconds. A batch may wait twice: in a queue of a kernel or of a balancer on its path,
 and before a service that stands still. A doubt makes its samples older, never younger.
@@ -106,7 +106,7 @@ class _Path:
 
 
 class Moment(NamedTuple):
-    """When a sample was taken."""
+    """The time of a sample."""
 
     taken_s: float
     """[s, monotonic]; never before the sample before."""

@@ -35,11 +35,11 @@ class EventSender:
         """True if a new destination gets all events on record, or those from now on."""
         self._topics = topics
         self._sent = sent
-        """Those that the broker acknowledged."""
+        """Counts the events that the broker acknowledged."""
         words = "Finished events that the MQTT broker has yet to acknowledge."
         self._pending = context.counts.gauge("mqtt_events_pending", words)
         self._resume_s = float("-inf")
-        """When to try again after a refusal, also over the next connection [s, of the loop]."""
+        """Time of the next attempt after a refusal, also over the next connection [s, of the loop]."""
 
     async def count_pending(self) -> None:
         """Count the events that have yet to be acknowledged, unless the record takes long."""

@@ -34,7 +34,7 @@ class Leftovers:
         self._is_readable = False
         """True if the broker lets this service read its own messages."""
         self._losses = Counter[str]()
-        """How often in a row the connection was lost over a topic: its subscription, or its removal."""
+        """Topic -> losses of the connection in a row over its subscription or its removal."""
         self._said: set[str] = set()
         """Topics that the log has, and those that the broker refused to change."""
 

@@ -25,19 +25,19 @@ class Topics:
 
     @property
     def status(self) -> str:
-        """Of the service; the broker keeps its last message."""
+        """Topic of the status of the service; the broker keeps its last message."""
         return f"{self.prefix}/status"
 
     def surface_status(self, surface: str) -> str:
-        """Of the status of a surface; the broker keeps its last message."""
+        """Return the topic of the status of a surface; the broker keeps its last message."""
         return f"{self.prefix}/{surface}/status"
 
     def contact(self, surface: str) -> str:
-        """Of the contacts on a surface."""
+        """Return the topic of the contacts on a surface."""
         return f"{self.prefix}/{surface}/contact"
 
     def event(self, surface: str) -> str:
-        """Of the finished events of a surface."""
+        """Return the topic of the finished events of a surface."""
         return f"{self.prefix}/{surface}/event"
 
 

@@ -31,7 +31,7 @@ class StatusSender:
         self._context = context
         self._topics = topics
         self._resume_s = float("-inf")
-        """When to try again after a refusal, also over the next connection [s, of the loop]."""
+        """Time of the next attempt after a refusal, also over the next connection [s, of the loop]."""
 
     async def run(self, connection: Connection) -> None:
         """Send statuses over a connection: all at first, then those that change; raises BrokerError when it is lost."""
