@@ -218,8 +218,8 @@ STATED = {
     ],
     "docs/how-to/opcua.md": [
         f"at most {door.MAX_WAITING} values of a variable",
-        f"{door.MAX_CONNECTIONS} connections, {door.MAX_SUBSCRIPTIONS} subscriptions",
-        f"at most {door.MAX_OPERATIONS} nodes in a request, {door.MAX_ITEMS} subscribed variables",
+        f"{door.MAX_CONNECTIONS} connections, {door.MAX_SUBSCRIPTIONS} subscriptions and {door.MAX_ITEMS} subscribed",
+        f"at most {door.MAX_OPERATIONS} nodes in a request, {door.MAX_BROWSED} to browse",
         f"messages of {door.MAX_MESSAGE_BYTES >> 20} MiB",
         f"after at most {door.MAX_KEEP_ALIVE} publishing intervals",
         f"asks for nothing for {door.MAX_LIFETIME}",

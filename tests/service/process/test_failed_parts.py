@@ -47,7 +47,7 @@ PARTS = [
     Case("mqtt leftovers", "beamtouch_service.outputs.mqtt.leftovers", "Leftovers", "run", is_early=True),
     Case("mqtt events", "beamtouch_service.outputs.mqtt.events", "EventSender", "_find_due"),
     Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "build", is_early=True),
-    Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "_wait_for_news"),
+    Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "follow", is_early=True),
     Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "_describe", is_early=True),
     Case("opcua", "beamtouch_service.outputs.opcua.door", "Sessions", "end_orphans"),
 ]

@@ -130,6 +130,66 @@ def test_a_subscription_reports_changes_and_turns_bad_when_samples_stop(start_pr
     assert changes.values("sequence")[-2] == 10
 
 
+@pytest.mark.promise(
+    "docs/how-to/opcua.md",
+    (
+        "Subscribers are told in turns of `interval_ms`: of a sample that comes after an idle turn at once, otherwise "
+        "of the newest at the next turn."
+    ),
+    "All variables of a surface that change are told together.",
+)
+def test_subscribers_are_told_of_the_newest_sample_at_the_pace(start_press: StartService) -> None:
+    interval_ms, names = 500, ("sequence", "misfit", "age_ms")
+    service, url = start(start_press, 60_000, f"interval_ms = {interval_ms}")
+    changes = Changes()
+
+    async def subscribe() -> None:
+        async with connected(url) as client:
+            index = await client.get_namespace_index("urn:beamtouch")
+            nodes = [client.get_node(ua.NodeId(f"press-7/{name}", index)) for name in names]
+            # It is published more often than there is something to tell.
+            subscription = await client.create_subscription(50, changes)
+            await subscription.subscribe_data_change(nodes, queuesize=100)
+            for number in range(1, 61):
+                await post(service, number, [0.2, 0.3, 0.3 + 0.001 * number])
+            await asyncio.to_thread(wait_until, lambda: changes.values("sequence")[-1:] == [60])
+
+    asyncio.run(subscribe())
+    told = [one for one in changes.found["press-7/sequence"] if one.Value.Value is not None]
+    times = [one.ServerTimestamp for one in told]
+    lasted_ms = (times[-1] - times[0]) / timedelta(milliseconds=1)
+    # The first value is that of the moment of the subscription.
+    assert len(told) <= 3 + lasted_ms / interval_ms
+    numbers = changes.values("sequence")
+    assert numbers[-len(told) :] == sorted({one.Value.Value for one in told})
+    # What is told at one time is of one sample.
+    ages = {one.ServerTimestamp: one for one in changes.found["press-7/age_ms"]}
+    assert all(ages[one.ServerTimestamp].SourceTimestamp == one.SourceTimestamp for one in told[1:])
+
+
+def test_a_value_that_changes_and_comes_back_before_others_are_told_reaches_the_client_that_saw_the_change(
+    start_press: StartService,
+) -> None:
+    service, url = start(start_press, 60_000, "interval_ms = 3000")
+    first, second = Changes(), Changes()
+
+    async def subscribe() -> None:
+        async with connected(url) as client:
+            node = client.get_node(ua.NodeId("press-7/state", await client.get_namespace_index("urn:beamtouch")))
+            await post(service, 1, *[REST] * 5)
+            await (await client.create_subscription(50, first)).subscribe_data_change(node)
+            await asyncio.to_thread(wait_until, lambda: first.values("state") == ["clear"])
+            await post(service, 6, REST)  # subscribers have just been told
+            await post(service, 7, *[TOUCHED] * 5)
+            await (await client.create_subscription(50, second)).subscribe_data_change(node)
+            await asyncio.to_thread(wait_until, lambda: second.values("state")[:1] == ["contact"])
+            await post(service, 12, *[REST] * 5)
+            await asyncio.to_thread(wait_until, lambda: second.values("state")[-1:] == ["clear"])
+
+    asyncio.run(subscribe())
+    assert first.values("state")[-1] == "clear"
+
+
 async def event_type(client: Client, index: int) -> Node:
     """Return the type of events."""
     base = client.get_node(ua.ObjectIds.BaseEventType)

@@ -77,6 +77,7 @@ class EventSender:
         for name, node in self._objects.items():
             self._generators[name] = await self._server.get_event_generator(kind, node)
             await self._server.nodes.server.add_reference(node, ua.ObjectIds.HasNotifier)
+            await asyncio.sleep(0)  # requests have a turn
 
     async def _send(self, due: Due) -> None:
         event = event_answers.event(due.number, due.event)

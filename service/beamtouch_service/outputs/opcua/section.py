@@ -21,8 +21,8 @@ class OpcUaSection(OutputSection):
     port: Annotated[int, Field(ge=1, le=65535)] = 4840
     """Port to listen on."""
     interval_ms: Annotated[FiniteFloat, Field(ge=10, le=10_000)] = 100.0
-    """Clients that have subscribed are told of new samples at most this often. A read is answered with the contact of
-    its moment."""
+    """Clients that have subscribed are told of new samples in turns of this time. A read is answered with the contact
+    of its moment."""
     certificate_file: File | None = None
     """PEM or DER. With `key_file`, clients must sign and encrypt."""
     key_file: File | None = None

@@ -4,7 +4,6 @@ Nothing is stored: whoever reads a variable, or begins to subscribe to it, gets 
 """
 
 import asyncio
-from contextlib import ExitStack
 from datetime import UTC, datetime
 from typing import Self
 
@@ -13,14 +12,12 @@ from asyncua.common.callback import Callback
 
 from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.opcua.values import Variable, values, variables_of
+from beamtouch_service.surfaces.pace import Pace
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.watch import Watch
 
 NAMESPACE = "urn:beamtouch"
 """The namespace of all nodes; a node is `NAME` or `NAME/variable`: no name of a surface has a slash."""
-LOOK_S = 0.9
-"""A surface is looked at this often without a sample, too: a model may have come or gone."""
-_AFTER_LIMIT_S = 1e-3
-"""A surface is stale when its age is beyond the limit, not at the limit."""
 
 
 class _Told(ua.DataValue):  # type: ignore[misc]  # mypy skips the types of the library
@@ -44,10 +41,9 @@ class Space:
         self._subscribed: dict[str, Surface] = {}
         self._told: dict[ua.NodeId, ua.DataValue] = {}
         """Variable -> what each of its subscribers has; without an entry, one of them may have something else."""
-        self._news = asyncio.Event()
-        """Set when a surface that somebody has subscribed to has a new sample."""
-        self._moved: set[str] = set()
-        """Surfaces with a new sample that subscribers have not been told."""
+        self._is_changed = asyncio.Event()
+        """Set when somebody has subscribed to another surface."""
+        self._watch: Watch | None = None
 
     async def build(self) -> None:
         """Make an object for each surface, with its variables."""
@@ -92,40 +88,27 @@ class Space:
         """Tell the surfaces of the variables that a client has subscribed to from now on."""
         for item in event.request_params.ItemsToCreate:
             surface, _ = self._variables.get(item.ItemToMonitor.NodeId, (None, ""))
-            if surface is not None:
+            if surface is not None and surface.name not in self._subscribed:
                 self._subscribed[surface.name] = surface
-                self._note_move(surface)
-
-    def _note_move(self, surface: Surface) -> None:
-        if surface.name in self._subscribed:
-            self._moved.add(surface.name)
-            self._news.set()
+                self._is_changed.set()
+                if self._watch:
+                    self._watch.wake()
 
     async def follow(self, interval_s: float) -> None:
-        """Tell subscribers what has changed, at most once in this time, until cancelled."""
-        clock, due_s = self._context.clock, dict[str, float]()
-        with ExitStack() as listening:
-            for surface in self._context.registry:
-                listening.enter_context(surface.moves.told(self._note_move))
-            while True:
-                await self._wait_for_news(min(due_s.values(), default=clock() + LOOK_S) - clock())
-                if not self._server.iserver.subscription_service.subscriptions:
-                    self._subscribed.clear()
-                due_s = {name: due_s.get(name, clock()) for name in self._subscribed}
-                for name, surface in list(self._subscribed.items()):
-                    if name in self._moved or clock() >= due_s[name]:
-                        self._moved.discard(name)
-                        due_s[name] = _next_look_s(surface, clock())
+        """Tell subscribers what has changed, in turns of this time, until cancelled."""
+        while True:
+            await self._is_changed.wait()
+            self._is_changed.clear()
+            surfaces = list(self._subscribed.values())
+            pace = Pace(surfaces, interval_s, tells_status_at_once=False)
+            self._watch = watch = Watch(surfaces, pace, self._context.clock)
+            with watch.listening():
+                while not self._is_changed.is_set() and self._subscribed:
+                    for surface in watch.take_due():
                         await self._tell(surface)
-                await asyncio.sleep(interval_s)
-
-    async def _wait_for_news(self, wait_s: float) -> None:
-        try:
-            async with asyncio.timeout(max(0.0, wait_s)):
-                await self._news.wait()
-        except TimeoutError:
-            return
-        self._news.clear()
+                    await watch.wait()
+                    if not self._server.iserver.subscription_service.subscriptions:
+                        self._subscribed.clear()
 
     async def _tell(self, surface: Surface) -> None:
         """Tell the subscribers of a surface what they do not have yet, all of it before other work goes on."""
@@ -137,13 +120,6 @@ class Space:
                 told = _Told(value.Value, value.StatusCode, value.SourceTimestamp, value.ServerTimestamp)
                 await self._server.write_attribute_value(nodeid, told)
         await asyncio.sleep(0)
-
-
-def _next_look_s(surface: Surface, now_s: float) -> float:
-    """Return when to look at a surface again if no sample comes [s, monotonic]."""
-    newest = surface.newest
-    stale_s = newest.acquired_s + surface.stale_ms / 1e3 + _AFTER_LIMIT_S if newest else now_s
-    return min(stale_s, now_s + LOOK_S) if stale_s > now_s else now_s + LOOK_S
 
 
 def _is_same(value: ua.DataValue, other: ua.DataValue | None) -> bool:
