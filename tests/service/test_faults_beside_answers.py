@@ -1,17 +1,23 @@
 """Faults of what works on each batch beside the answer: the answer moves, and the fault is named until it is gone."""
 
+import asyncio
 import logging
 from typing import NoReturn
 
 import pytest
 
+from beamtouch_service.api import stream
 from beamtouch_service.api.change_log import ChangeLog
 from beamtouch_service.commissioning.run import CommissioningRun
 from beamtouch_service.commissioning.runs import CommissioningRuns
 from beamtouch_service.metrics.figures import Figures
+from beamtouch_service.outputs.modbus.blocks import Blocks
+from beamtouch_service.outputs.modbus.section import ModbusServerSection
+from beamtouch_service.outputs.modbus.server import _Connections
 from beamtouch_service.record import Recorder
 from service.bench import TOKEN, Bench, batch_of
 from service.event_story import RESTING, TOUCHING
+from service.process.modbus_service import frame, request
 
 COMMISSIONING = "/surfaces/press-7/commissioning"
 
@@ -28,7 +34,7 @@ def missing(bench: Bench, part: str) -> str | None:
 
 @pytest.mark.promise(
     "docs/reference/metrics.md",
-    "holds up no answer when it fails, and counts as missing until it succeeds.",
+    "holds up no other answer when it fails, and counts as missing until it succeeds.",
 )
 @pytest.mark.parametrize(
     ("part", "owner", "function"),
@@ -103,3 +109,31 @@ def test_metrics_that_fail_are_a_problem_and_come_again(bench: Bench, monkeypatc
         answer = bench.get("/metrics")
         assert (answer.status_code, answer.json()["type"]) == (500, "urn:beamtouch:problem:internal")
     assert bench.get("/metrics").status_code == 200
+
+
+def test_a_stream_that_fails_ends_and_the_next_one_has_its_place(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    streams = bench.app.context.streams
+    with monkeypatch.context() as faulty:
+        faulty.setattr(stream, "state_of", fail)
+        assert bench.get("/stream").text == ""
+    assert streams.open == 0
+
+
+@pytest.mark.promise("docs/reference/registers.md", "An error of the service is exception 4 (server device failure)")
+@pytest.mark.anyio
+async def test_a_modbus_server_that_fails_answers_so_on_the_same_connection_and_is_named(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connections = _Connections(ModbusServerSection(), bench.app.context)
+    server = await asyncio.start_server(connections.serve, "127.0.0.1", 0)
+    async with server:
+        reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname()[:2])
+        with monkeypatch.context() as faulty:
+            faulty.setattr(Blocks, "read", fail)
+            writer.write(request(0, 2))
+            assert await reader.readexactly(9) == frame(bytes([0x84, 4]), 1)
+            assert missing(bench, "modbus_server answers") == "unexpected error (ZeroDivisionError('in a test'))"
+        writer.write(request(0, 2, transaction=2))
+        assert (await reader.readexactly(9))[7] == 4
+        assert missing(bench, "modbus_server answers") is None
+        writer.close()

@@ -38,7 +38,16 @@ def frame_bytes(head: bytes) -> int:
 
 def answer(frame: bytes, read: Read) -> bytes:
     """Return the answer to one whole frame. Any unit is answered, under its own number."""
-    pdu = _answer(frame[7], frame[8:], read)
+    return _encode(frame, _answer(frame[7], frame[8:], read))
+
+
+def refuse(frame: bytes) -> bytes:
+    """Return the answer to one whole frame of a server that fails."""
+    return _encode(frame, ExceptionResponse(frame[7], ExcCodes.DEVICE_FAILURE))
+
+
+def _encode(frame: bytes, pdu: ModbusPDU) -> bytes:
+    """Return an answer to a frame as bytes."""
     pdu.transaction_id, pdu.dev_id = int.from_bytes(frame[:2]), frame[6]
     return _FRAMER.buildFrame(pdu)
 

@@ -12,7 +12,7 @@ from beamtouch_service.address import Address
 from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.modbus.blocks import Blocks
 from beamtouch_service.outputs.modbus.registers import MAX_SURFACES, identity
-from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, NotModbusError, answer, frame_bytes
+from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, NotModbusError, answer, frame_bytes, refuse
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from beamtouch_service.outputs.section import Output
 
@@ -100,7 +100,10 @@ class _Connections:
     async def _answer_next(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         head = await reader.readexactly(HEAD_BYTES)
         frame = head + await reader.readexactly(frame_bytes(head) - HEAD_BYTES)
-        writer.write(answer(frame, lambda address, count: self._blocks.read(address, count, self._context.clock())))
+        reply = b""
+        with self._context.parts.attempt(f"{self._section.name} answers"):
+            reply = answer(frame, lambda address, count: self._blocks.read(address, count, self._context.clock()))
+        writer.write(reply or refuse(frame))
         await writer.drain()
 
     def _log_seldom(self, reason: str, client: str) -> None:
