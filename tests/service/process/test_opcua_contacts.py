@@ -104,7 +104,7 @@ def is_bad(changes: Changes, code: str) -> bool:
 
 @pytest.mark.promise(
     "docs/how-to/opcua.md",
-    "when a daemon stops, every variable of its surfaces is `BadNoCommunication` after `stale_ms` and one interval.",
+    "When a daemon stops, every variable of its surfaces is `BadNoCommunication` after `stale_ms` and one interval.",
 )
 def test_a_subscription_reports_changes_and_turns_bad_when_samples_stop(start_press: StartService) -> None:
     service, url = start(start_press, 5000, "interval_ms = 20")

@@ -78,7 +78,7 @@ class Profile:
     force_n: Measurement | None
     """Mean |error| of force; None if the model states none."""
     accepted_mm: float
-    """What the mean |error| of `TRIED` contacts exceeds in one of twenty trials."""
+    """Bound that the mean |error| of `TRIED` contacts exceeds in one of twenty trials."""
 
 
 @dataclass(frozen=True)
