@@ -122,7 +122,11 @@ def _rows(found: dict[str, Any], compared: Compared, layout: Layout) -> list[tup
         ("placed", f"for {SOUGHT[found['criterion']]}{failed}; search {found['search']}, seed {found['seed']}"),
         *(_product_rows(found) if found["criterion"] == "eigenvalue-product" else []),
         ("paper", f"{recommended} sensors by the paper's rule, one per component above the noise, at least two"),
-        ("+-", "a standard error"),
+        (
+            "+-",
+            "a standard error; lines without it share contacts of their own, so that an error may differ by some "
+            "percent from that above",
+        ),
     ]
 
 

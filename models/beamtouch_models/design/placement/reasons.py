@@ -148,7 +148,7 @@ def reasons_for(costs: Costs, gap_mm: float, fixed_mm: Sequence[float]) -> list[
             for other, place in enumerate(costs.position_mm)
             if other != index and gap_mm > 0 and abs(place - position) <= BESIDE * gap_mm
         ]
-        where = f"{digits(low, 3)}..{digits(high, 3)} mm"
+        where = f"{digits(low, 3)} to {digits(high, 3)} mm"
         what = (
             "the scene fixes it here"
             if position in fixed_mm
