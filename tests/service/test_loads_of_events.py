@@ -95,8 +95,7 @@ def test_without_forces_the_ramps_are_stays_whose_place_is_known_less_well() -> 
         load.add(Sighting(now_us, now_us - 5000.0, (span,), 1 / half_mm**2, is_shown=True, is_unsteady=False))
     figures = load.figures
     assert figures is not None
-    assert figures.position == (150.0, 149.0, 151.0)
-    assert (figures.least_mm, figures.most_mm) == (150.0, 150.0)
+    assert figures.along == (((150.0, 149.0, 151.0), 150.0, 150.0, None),)
     assert len(load.path) == 3
 
 

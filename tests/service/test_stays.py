@@ -47,7 +47,7 @@ class Touched:
     @property
     def position(self) -> Span:
         assert self.load.figures is not None
-        return self.load.figures.position
+        return self.load.figures.along[0].mean
 
 
 def test_samples_whose_intervals_touch_have_a_load_in_common() -> None:
@@ -137,7 +137,7 @@ def figures(*stays: tuple[int, float]) -> list[float | None]:
     assert found is not None
     assert found.force is not None
     assert found.largest is not None
-    return [round(found.force.middle, 4), found.largest.middle, found.least_mm, found.largest_at_mm]
+    return [round(found.force.middle, 4), found.largest.middle, found.along[0].least_mm, found.along[0].at_largest_mm]
 
 
 def test_ramps_are_no_part_of_the_load_up_to_a_fifth_of_its_time_at_each_end() -> None:
@@ -181,17 +181,17 @@ def test_a_load_of_which_all_is_unsteady_says_so() -> None:
 def test_a_model_without_forces_gives_places_alone() -> None:
     found = Touched(has_force=False).see(150.0, 250.0, 250.0).load.figures
     assert found is not None
-    assert (found.force, found.largest, found.largest_at_mm) == (None, None, None)
-    assert (found.least_mm, found.most_mm) == (150.0, 250.0)
+    assert (found.force, found.largest, found.along[0].at_largest_mm) == (None, None, None)
+    assert (found.along[0].least_mm, found.along[0].most_mm) == (150.0, 250.0)
     with_force = Touched().see(150.0, force_n=5.0).see(250.0, force_n=5.5).load.figures
     assert with_force is not None
-    assert (with_force.largest, with_force.largest_at_mm) == (span(5.5), 250.0)
+    assert (with_force.largest, with_force.along[0].at_largest_mm) == (span(5.5), 250.0)
 
 
 def test_the_largest_force_is_where_it_was_first() -> None:
     found = Touched().see(150.0, 250.0, 250.0).load.figures
     assert found is not None
-    assert found.largest_at_mm == 150.0
+    assert found.along[0].at_largest_mm == 150.0
 
 
 def test_a_path_of_too_many_stays_joins_the_two_neighbours_that_lasted_least() -> None:

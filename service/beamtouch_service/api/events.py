@@ -10,16 +10,25 @@ import operator
 import re
 from collections.abc import Iterator, Sequence
 from datetime import datetime
-from functools import partial
+from functools import cache, partial
 from itertools import zip_longest
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 from urllib.parse import urlencode
 
 from fastapi import Path as PathParameter
 from fastapi import Query, Request, Response
-from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    create_model,
+    field_validator,
+)
 
-from beamtouch_common.outline import BEAM_AXIS, names_of
+from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS, names_of
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
@@ -32,6 +41,7 @@ from beamtouch_service.record import (
     EventKey,
     EventKind,
     Reader,
+    find_axes,
     find_best_samples,
     find_events,
     get_recorded_event,
@@ -43,7 +53,8 @@ from beamtouch_service.samples import SurfaceName
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 
 _CSV, _JSON = "text/csv", "application/json"
-_OF_STAY = (*names_of(BEAM_AXIS, "mm"), *names_of("force", "n"))
+_OF_PLACE = ("mean_{}_mm", "mean_{}_low_mm", "mean_{}_high_mm", "min_{}_mm", "max_{}_mm", "peak_{}_mm")
+"""The figures of a place in the record, in their order there, named after their axis."""
 _DECIMALS = 10
 """Decimals of lengths in mm, as CSV."""
 _MAX_LIMIT = 1000
@@ -206,21 +217,43 @@ def _members(number: int, recorded: RecordedEvent) -> dict[str, object]:
     """Return the members of an answer, with fields of the record that no answer has."""
     end_us = recorded.last_us if recorded.lifted_us is None else recorded.lifted_us
     unexplained_us = recorded.unexplained_us + (max(0, end_us - recorded.last_us) if recorded.ends_unexplained else 0)
-    return vars(recorded) | {
-        "id": number,
-        "touched_at": rfc3339(recorded.touched_us),
-        "lifted_at": None if recorded.lifted_us is None else rfc3339(recorded.lifted_us),
-        # The sender's clock may have been set back during the contact.
-        "dwell_ms": max(0.0, round((end_us - recorded.touched_us) / 1e3, 3)),
-        "unexplained_ms": round(unexplained_us / 1e3, 3),
-        "quality": ContactQuality.DEGRADED if recorded.degraded else ContactQuality.GOOD,
-        "zones": {zone: round(us / 1e3, 3) for zone, us in recorded.zones.items()},
+    place = {
+        name.format(axis): value
+        for axis, values in recorded.place.items()
+        for name, value in zip_longest(_OF_PLACE, values or ())
     }
+    return (
+        vars(recorded)
+        | place
+        | {
+            "id": number,
+            "touched_at": rfc3339(recorded.touched_us),
+            "lifted_at": None if recorded.lifted_us is None else rfc3339(recorded.lifted_us),
+            # The sender's clock may have been set back during the contact.
+            "dwell_ms": max(0.0, round((end_us - recorded.touched_us) / 1e3, 3)),
+            "unexplained_ms": round(unexplained_us / 1e3, 3),
+            "quality": ContactQuality.DEGRADED if recorded.degraded else ContactQuality.GOOD,
+            "zones": {zone: round(us / 1e3, 3) for zone, us in recorded.zones.items()},
+        }
+    )
+
+
+@cache
+def event_on(axes: tuple[str, ...]) -> type[Event]:
+    """Return the model of an event on a surface with these axes: figures of place are named after them."""
+    if axes == BEAM_AXES:
+        return Event
+    members: dict[str, Any] = {
+        name.replace(BEAM_AXIS, axis): (field.annotation, field)
+        for name, field in Event.model_fields.items()
+        for axis in (axes if BEAM_AXIS in name else ("",))
+    }
+    return cast("type[Event]", create_model("Event", **members))
 
 
 def event(number: int, recorded: RecordedEvent) -> Event:
     """Return an event without its path."""
-    return Event.model_validate(_members(number, recorded))
+    return event_on(tuple(recorded.place)).model_validate(_members(number, recorded))
 
 
 def _encode(number: int, recorded: RecordedEvent, *, path: bool) -> str:
@@ -234,11 +267,12 @@ def _encode(number: int, recorded: RecordedEvent, *, path: bool) -> str:
 
 def _path(recorded: RecordedEvent) -> list[dict[str, Any]]:
     """Return the path of an event, each point as a `Stay`."""
+    names = [name for axis in recorded.place for name in names_of(axis, "mm")] + [*names_of("force", "n")]
     return [
         {
             "at": rfc3339(recorded.touched_us + round(since_us)),
             "lasts_ms": round(lasts_us / 1e3, 3),
-            **dict(zip_longest(_OF_STAY, spans)),
+            **dict(zip_longest(names, spans)),
             "unsteady": bool(is_unsteady),
         }
         for since_us, lasts_us, is_unsteady, *spans in recorded.path
@@ -314,7 +348,8 @@ def _as_json(reader: Reader, keys: Sequence[EventKey], *, path: bool, following:
 def _as_csv(reader: Reader, keys: Sequence[EventKey]) -> Iterator[bytes]:
     """Give a page of events as CSV: one row per event, without paths."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, list(Event.model_fields), lineterminator="\r\n")
+    columns = dict.fromkeys(name for axes in find_axes(reader, keys) for name in event_on(axes).model_fields)
+    writer = csv.DictWriter(text, list(columns), lineterminator="\r\n")
     writer.writeheader()
     for events in read_events(reader, keys, path=False):
         for numbered in events:

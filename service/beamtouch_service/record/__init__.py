@@ -14,6 +14,7 @@ from beamtouch_service.record.events.event import Begin, Contradiction, End, Eve
 from beamtouch_service.record.forecast import describe_kept_days
 from beamtouch_service.record.reading.queries import (
     EventKey,
+    find_axes,
     find_best_samples,
     find_events,
     get_recorded_event,
@@ -27,5 +28,6 @@ from beamtouch_service.record.writing.transactions import Due, Transactions
 __all__ = [
     "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Begin", "Contradiction", "Due", "End", "Event", "EventKey", "EventKind",
     "Reader", "RecordAwayError", "RecordUnusableError", "Recorder", "TooManyReadersError", "Transactions",
-    "describe_kept_days", "find_best_samples", "find_events", "get_recorded_event", "read_best_samples", "read_events",
+    "describe_kept_days", "find_axes", "find_best_samples", "find_events", "get_recorded_event", "read_best_samples",
+    "read_events",
 ]  # fmt: skip

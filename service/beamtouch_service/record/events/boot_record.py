@@ -203,7 +203,9 @@ class BootRecord:
             begin = Begin.CLEAR if is_stretch else Begin.TOUCH
         kind, sample = EventKind.UNEXPLAINED if is_stretch else EventKind.CONTACT, decision.estimate.sample
         number, at_us = sample.sequence, sample.acquired_unix_us
-        return Event(self._surface, self.model.identity, self._boot_id, number, number, at_us, at_us, kind, begin)
+        place: dict[str, list[float | None] | None] = dict.fromkeys(self.model.metadata.axes)
+        head = self._surface, self.model.identity, self._boot_id, number, number, at_us, at_us, kind, begin
+        return Event(*head, place=place)
 
     def _capture(self, decision: Decision) -> Contradiction:
         estimate, evidence = decision.estimate, decision.evidence

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from beamtouch_common.outline import names_of
 from beamtouch_models.runtime import State
 from beamtouch_service.record.events.best import Best
 from beamtouch_service.record.events.load import DECIMALS, Load, Sighting
@@ -104,11 +105,9 @@ class Event:
     """Number of samples in the figures of the load."""
     unsteady_samples: int = 0
     """How many of them were unsteady."""
-    mean_position_mm: float | None = None
-    mean_position_low_mm: float | None = None
-    mean_position_high_mm: float | None = None
-    min_position_mm: float | None = None
-    max_position_mm: float | None = None
+    place: dict[str, list[float | None] | None] = field(default_factory=dict)
+    """Axis -> mean place of the load with the ends of its interval, the least and the largest place, and that of the
+    peak force (None without forces) [mm]; None without a load."""
     mean_force_n: float | None = None
     mean_force_low_n: float | None = None
     mean_force_high_n: float | None = None
@@ -116,8 +115,6 @@ class Event:
     """Largest force of the load; no swing of the beam."""
     peak_force_low_n: float | None = None
     peak_force_high_n: float | None = None
-    peak_position_mm: float | None = None
-    """Position at the peak force."""
     unexplained_us: int = 0
     """Time from each unexplained sample to the next sample, up to the last one."""
     ends_unexplained: bool = False
@@ -149,7 +146,7 @@ class OpenEvent:
         self.number = number
         """Its id; None until it is on record."""
         self.best = Best.read(event.best)
-        self.load = Load.read(event.touched_us, event.path, memory)
+        self.load = Load.read(event.touched_us, event.path, memory, len(event.place))
 
     def add(self, decision: Decision, seen: Sighting | None) -> None:
         """Add the next sample, and what it sees of the load, if it counts there."""
@@ -191,18 +188,15 @@ class OpenEvent:
         load = self.load.figures
         if load is None:
             return {}
-        spans = {"mean_position{}_mm": load.position, "mean_force{}_n": load.force, "peak_force{}_n": load.largest}
-        ends = ("", "_low", "_high")
-        values = {
-            name.format(end): value
-            for name, span in spans.items()
-            if span
-            for end, value in zip(ends, span, strict=True)
+        place = {
+            axis: [_rounded(one) for one in (*along.mean, along.least_mm, along.most_mm, along.at_largest_mm)]
+            for axis, along in zip(self.event.place, load.along, strict=True)
         }
-        values |= {"min_position_mm": load.least_mm, "max_position_mm": load.most_mm}
-        rounded = {name: round(value, DECIMALS) for name, value in values.items()}
-        at_mm = load.largest_at_mm
-        return rounded | {
-            "peak_position_mm": None if at_mm is None else round(at_mm, DECIMALS),
-            "unsteady": load.is_unsteady,
-        }
+        figures: dict[str, Any] = {"place": place, "unsteady": load.is_unsteady}
+        for figure, span in (("mean_force", load.force), ("peak_force", load.largest)):
+            figures |= dict(zip(names_of(figure, "n"), map(_rounded, span or ()), strict=False))
+        return figures
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, DECIMALS)

@@ -11,11 +11,12 @@ half-width.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from beamtouch_common.outline import BEAM_AXIS, Span
+from beamtouch_common.outline import Span
 from beamtouch_service.surfaces.follower import Decision
 
 MAX_STAYS = 25
@@ -26,7 +27,7 @@ as while a load is laid on or taken off."""
 DECIMALS = 4
 
 Spans = tuple[Span, ...]
-"""Position [mm], and force [N] if the model states it."""
+"""The place along each axis [mm], and the force [N] if the model states it."""
 
 
 class Sighting(NamedTuple):
@@ -60,12 +61,12 @@ def sighting_of(decision: Decision, touch: Sequence[float], reading_us: float) -
     """
     if decision.figures is None:
         return None
-    position, force = decision.figures.place[BEAM_AXIS], decision.figures.force
+    place, force = tuple(decision.figures.place.values()), decision.figures.force
     evidence = decision.evidence
     return Sighting(
         decision.estimate.sample.acquired_unix_us,
         begin_us(decision, reading_us),
-        (position,) if force is None else (position, force),
+        place if force is None else (*place, force),
         float(np.square(evidence.whitening_per_mm).sum()),
         evidence.log_odds > touch[evidence.channels - 1],
         decision.is_unsteady,
@@ -99,16 +100,16 @@ class Stay(NamedTuple):
         """How much it counts: a single sample lasts no time, and the clock of a sender may be set back."""
         return max(1, self.lasts_us)
 
-    def is_weaker(self, other: "Stay") -> bool:
-        """Return whether its force is surely smaller than that of another one.
+    def is_weaker(self, other: "Stay", axes: int = 1) -> bool:
+        """Return whether its force is surely smaller than that of another one, on a structure with so many axes.
 
         Without forces, whether its place is known less than half as well: the interval of a load is the wider, the less
         it presses.
         """
-        if len(self.spans) > 1:
-            return self.spans[1].high < other.spans[1].middle
-        (place,), (others,) = self.spans, other.spans
-        return place.high - place.low > 2 * (others.high - others.low)
+        if len(self.spans) > axes:
+            return self.spans[axes].high < other.spans[axes].middle
+        width, others_width = (prod(span.high - span.low for span in stay.spans) for stay in (self, other))
+        return width > float(2**axes) * others_width
 
 
 @dataclass
@@ -210,20 +211,28 @@ def _mean(each: Sequence[Spans], weights: Sequence[float]) -> Spans:
     return tuple(Span(*(float(share @ end) for end in zip(*spans, strict=True))) for spans in zip(*each, strict=True))
 
 
+class AxisFigures(NamedTuple):
+    """The place of a load along one axis."""
+
+    mean: Span
+    """Mean over its time."""
+    least_mm: float
+    most_mm: float
+    """From where to where it was."""
+    at_largest_mm: float | None
+    """Place of the largest force; None if the model states no force."""
+
+
 @dataclass(frozen=True)
 class LoadFigures:
     """The figures of a load."""
 
-    position: Span
-    """Mean position over its time."""
+    along: tuple["AxisFigures", ...]
+    """Of each axis."""
     force: Span | None
     """Mean force; None if the model states none."""
     largest: Span | None
     """Largest force that lasted, rather than swung."""
-    largest_at_mm: float | None
-    least_mm: float
-    most_mm: float
-    """From where to where it was."""
     is_unsteady: bool
     """True if all of them stand on unsteady samples."""
 
@@ -231,16 +240,18 @@ class LoadFigures:
 class Load:
     """The load of a contact while its samples arrive."""
 
-    def __init__(self, touched_us: int) -> None:
-        """Begin with a contact that began then [us since 1970]."""
-        self._touched_us = touched_us
+    def __init__(self, touched_us: int, axes: int = 1) -> None:
+        """Begin with a contact that began then [us since 1970], on a structure with so many axes."""
+        self._touched_us, self._axes = touched_us, axes
         self._closed: list[Stay] = []
         self._newest: NewestStay | None = None
 
     @classmethod
-    def read(cls, touched_us: int, path: Sequence[Sequence[float]], memory: dict[str, Any] | None) -> "Load":
+    def read(
+        cls, touched_us: int, path: Sequence[Sequence[float]], memory: dict[str, Any] | None, axes: int = 1
+    ) -> "Load":
         """Go on from a path on record and the memory beside it; raises KeyError or TypeError for anything else."""
-        load = cls(touched_us)
+        load = cls(touched_us, axes)
         load._closed = [Stay.read(point) for point in path[:-1]]
         load._newest = NewestStay.read(memory) if memory else None
         return load
@@ -268,7 +279,7 @@ class Load:
     def _join(self) -> None:
         """Make one of the two neighbours that lasted least, but none of those that say how hard and how far."""
         closed = self._closed
-        kept = _extremes(_without_ramp(closed, RAMP * sum(stay.weight for stay in closed)))
+        kept = _extremes(_without_ramp(closed, RAMP * sum(stay.weight for stay in closed), self._axes), self._axes)
         pairs = [at for at in range(len(closed) - 1) if kept.isdisjoint(closed[at : at + 2])]
         first = min(pairs, key=lambda at: closed[at].weight + closed[at + 1].weight)
         one, other = closed[first : first + 2]
@@ -297,34 +308,40 @@ class Load:
     @property
     def figures(self) -> LoadFigures | None:
         """The figures so far; None before the first sample."""
-        stays = _without_ramps(self._stays)
+        stays, axes = _without_ramps(self._stays, self._axes), self._axes
         if not stays:
             return None
         mean = _mean([stay.spans for stay in stays], [stay.weight for stay in stays])
-        places = [stay.spans[0].middle for stay in stays]
-        about = min(places), max(places), all(stay.is_unsteady for stay in stays)
-        if len(mean) == 1:
-            return LoadFigures(mean[0], None, None, None, *about)
-        place, largest = max((stay.spans for stay in stays), key=lambda spans: spans[1].middle)
-        return LoadFigures(mean[0], mean[1], largest, place.middle, *about)
+        hardest = max((stay.spans for stay in stays), key=lambda spans: spans[-1].middle)
+        has_force = len(mean) > axes
+        along = []
+        for axis in range(axes):
+            places_mm = [stay.spans[axis].middle for stay in stays]
+            at_mm = hardest[axis].middle if has_force else None
+            along.append(AxisFigures(mean[axis], min(places_mm), max(places_mm), at_mm))
+        force, largest = (mean[axes], hardest[axes]) if has_force else (None, None)
+        return LoadFigures(tuple(along), force, largest, all(stay.is_unsteady for stay in stays))
 
 
-def _extremes(stays: list[Stay]) -> set[Stay]:
-    """Return the stays of the largest force, and of the places farthest left and right."""
-    places, forces = ([stay.spans[number].middle for stay in stays] for number in (0, -1))
-    extremes = places.index(min(places)), places.index(max(places)), forces.index(max(forces))
-    return {stays[at] for at in extremes}
+def _extremes(stays: list[Stay], axes: int) -> set[Stay]:
+    """Return the stays of the largest force, and of the first and last places along each axis."""
+    forces = [stay.spans[-1].middle for stay in stays]
+    at = {forces.index(max(forces))}
+    for axis in range(axes):
+        places_mm = [stay.spans[axis].middle for stay in stays]
+        at |= {places_mm.index(min(places_mm)), places_mm.index(max(places_mm))}
+    return {stays[index] for index in at}
 
 
-def _without_ramps(stays: list[Stay]) -> list[Stay]:
+def _without_ramps(stays: list[Stay], axes: int) -> list[Stay]:
     """Return the stays without those of the touch and of the lift."""
     most_us = RAMP * sum(stay.weight for stay in stays)
-    return _without_ramp(_without_ramp(stays, most_us)[::-1], most_us)[::-1]
+    return _without_ramp(_without_ramp(stays, most_us, axes)[::-1], most_us, axes)[::-1]
 
 
-def _without_ramp(stays: list[Stay], most_us: float) -> list[Stay]:
+def _without_ramp(stays: list[Stay], most_us: float, axes: int) -> list[Stay]:
     """Return the stays without those at the begin that are ever stronger, as far as these last no longer."""
-    while len(stays) > 1 and stays[0].is_weaker(stays[1]) and stays[0].weight <= most_us:
+    while len(stays) > 1 and stays[0].is_weaker(stays[1], axes) and stays[0].weight <= most_us:
         most_us -= stays[0].weight
         stays = stays[1:]
     return stays

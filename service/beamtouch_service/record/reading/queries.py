@@ -10,6 +10,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Row, Select, bindparam, null, select, true, tuple_
 
+from beamtouch_common.outline import BEAM_AXES
 from beamtouch_service.record.database.tables import CONTENT, EVENTS, WITHOUT_PATH, event_of
 from beamtouch_service.record.events.best import Best
 from beamtouch_service.record.events.event import Event, EventKind, Numbered
@@ -71,6 +72,12 @@ def read_events(reader: Reader, keys: Sequence[EventKey], *, path: bool) -> Iter
     query, at_once = (_EVENTS_WITH_PATH, AT_ONCE_WITH_PATH) if path else (_EVENTS, AT_ONCE)
     for rows in _read(reader, query, keys, at_once):
         yield map(event_of, rows)
+
+
+def find_axes(reader: Reader, keys: Sequence[EventKey]) -> list[tuple[str, ...]]:
+    """Return the different axes of the events of these keys; without events, those of a beam."""
+    places = reader.rows(select(_c.place).where(_c.id.in_([key.id for key in keys]))) if keys else []
+    return list(dict.fromkeys(tuple(row.place) for row in places)) or [BEAM_AXES]
 
 
 def get_recorded_event(reader: Reader, number: int) -> Event | None:
