@@ -9,9 +9,11 @@ import onnx
 import onnxruntime
 from onnx import TensorProto, helper
 
+from beamtouch_common.outline import names_of
 from beamtouch_models import runtime
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import (
+    EVIDENCE_OUTPUTS,
     FORCE_OUTPUTS,
     POSITION_OUTPUTS,
     Accuracy,
@@ -35,8 +37,19 @@ BEAM = "beam-1"
 """Identity of the beam of these models, unless a test gives another."""
 
 
+def _place(axis: str, value: str) -> dict[str, onnx.NodeProto]:
+    low, high = f"{axis}_low_mm", f"{axis}_high_mm"
+    return {
+        f"{axis}_mm": helper.make_node("Identity", [value], [f"{axis}_mm"]),
+        low: helper.make_node("Sub", [value, "one"], [low]),
+        high: helper.make_node("Add", [value, "one"], [high]),
+    }
+
+
 def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelProto:
-    """position = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), odds = 100 * sum (touch: 10), force = 10 * sum; intervals +-1.
+    """position or x = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), y half of that; intervals +-1.
+
+    Log odds = 100 * sum (touch: 10), force = 10 * sum.
 
     The misfit is 1000 * (d3 - d2) where that is positive: s3 is not above s2 in a contact.
     A channel that is not valid counts as zero. Where the sum is exactly 2, the output `spoiled` is a division by zero.
@@ -55,9 +68,9 @@ def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelP
         "weights": weights,
     }
     figures = {
-        "position_mm": helper.make_node("Identity", ["raised"], ["position_mm"]),
-        "position_low_mm": helper.make_node("Sub", ["raised", "one"], ["position_low_mm"]),
-        "position_high_mm": helper.make_node("Add", ["raised", "one"], ["position_high_mm"]),
+        **_place("position", "raised"),
+        **_place("x", "raised"),
+        **_place("y", "beside"),
         "contact_log_odds": helper.make_node("Mul", ["total", "hundred"], ["contact_log_odds"]),
         "misfit": helper.make_node("Relu", ["excess"], ["misfit"]),
         "force_n": helper.make_node("Identity", ["pushed"], ["force_n"]),
@@ -74,6 +87,7 @@ def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelP
         helper.make_node("Squeeze", ["above", "axis"], ["excess"]),
         helper.make_node("Squeeze", ["moment", "axis"], ["shift"]),
         helper.make_node("Add", ["shift", "hundred"], ["raised"]),
+        helper.make_node("Div", ["raised", "two"], ["beside"]),
         helper.make_node("Mul", ["total", "ten"], ["pushed"]),
         helper.make_node("Sub", ["total", "two"], ["to_two"]),
         helper.make_node("Div", ["to_two", "to_two"], ["unity"]),
@@ -121,6 +135,8 @@ def _content(
         beam=beam,
         estimator="tiny",
         length_mm=400,
+        axes=["x", "y"] if "y_mm" in outputs else ["position"],
+        width_mm=300 if "y_mm" in outputs else None,
         layout=[Channel(name=f"{prefix}{i + 1}", position_mm=min(100.0 * (i + 1), 400.0)) for i in range(channels)],
         min_channels=min_channels,
         ranges=Ranges(position_mm=(1, 399), force_n=(1, 20)),
@@ -160,6 +176,10 @@ def _content(
     helper.set_model_props(model, metadata.to_entries())
     content: bytes = model.SerializeToString()
     return content
+
+
+PLATE_OUTPUTS = (*names_of("x", "mm"), *names_of("y", "mm"), *EVIDENCE_OUTPUTS, *FORCE_OUTPUTS)
+"""Outputs of a model of two axes, on a plate of 400 by 300 mm."""
 
 
 class ModelOptions(TypedDict, total=False):

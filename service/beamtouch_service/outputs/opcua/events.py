@@ -86,7 +86,7 @@ class EventSender:
             return
         sent = generator.event
         for name, kind in FIELDS.items():
-            value = getattr(event, name)
+            value = getattr(event, name, None)  # a plate has no `mean_position_mm`
             setattr(sent, name, str(value) if kind is ua.VariantType.String and value else value)
         sent.zones = json.dumps(event.zones)
         sent.emitting_node = self._objects[event.surface]

@@ -1,0 +1,138 @@
+"""A surface of two axes, at every door: a figure of place is named after its axis."""
+
+import csv
+import io
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beamtouch_common.zones import Zone
+from beamtouch_models.errors import ModelFileError
+from beamtouch_service.api.stream import state_of
+from beamtouch_service.host.models import ModelKeeper
+from beamtouch_service.outputs.modbus.blocks import Blocks
+from beamtouch_service.outputs.mqtt.discovery import description
+from beamtouch_service.outputs.mqtt.messages import Topics
+from beamtouch_service.outputs.opcua.values import values
+from beamtouch_service.sections import EventsSection, SurfaceSection
+from beamtouch_service.surfaces.surface import Surface
+from service.bench import Bench, Row, parsed, surface_of
+from service.contact_registers import number
+from service.event_story import RESTING
+from support.surfaces.small_model import PLATE_OUTPUTS, model_of
+
+NOW_S = 1000.0
+TOUCHING: Row = [0.5, 0.25, 0.125]
+HARDER: Row = [0.5, 0.75, 0.5]
+PLACE = {"x_mm": 150.0, "x_low_mm": 149.0, "x_high_mm": 151.0, "y_mm": 75.0, "y_low_mm": 74.0, "y_high_mm": 76.0}
+NAMES = list(PLACE)
+OF_EVENT = {
+    *("mean_x_mm", "mean_x_low_mm", "mean_x_high_mm", "min_x_mm", "max_x_mm", "peak_x_mm"),
+    *("mean_y_mm", "mean_y_low_mm", "mean_y_high_mm", "min_y_mm", "max_y_mm", "peak_y_mm"),
+}
+
+
+def plate(section: SurfaceSection | None = None) -> Surface:
+    return surface_of(section=section, outputs=PLATE_OUTPUTS)
+
+
+def places_of(members: dict[str, Any]) -> dict[str, Any]:
+    """Return the members of an answer that are about a place."""
+    return {name: value for name, value in members.items() if name.endswith("_mm")}
+
+
+def test_contact_stream_and_problem() -> None:
+    bench = Bench(plate())
+    bench.send(RESTING)
+    assert places_of(bench.contact()) == dict.fromkeys(NAMES)
+    bench.send(TOUCHING, sequence=2)
+    contact = bench.contact()
+    assert (places_of(contact), contact["force_n"], contact["state"]) == (PLACE, 8.75, "contact")
+    assert list(contact)[1:9] == ["state", *NAMES, "force_n"]
+    (surface,) = bench.app.context.registry
+    assert places_of(state_of(surface.view(bench.now_s))["contact"]) == PLACE
+    bench.send([0.5, 1.75, 1.75], sequence=3)
+    assert bench.problem() == "unusable-estimate"
+    assert "x_mm is 625, off a plate of 400 by 300 mm" in bench.get("/contact").json()["detail"]
+
+
+def test_registers_variables_and_sensors_of_home_assistant() -> None:
+    surface = plate()
+    surface.receive(parsed(TOUCHING), NOW_S)
+    words = Blocks([surface], "big").read(0, 60, NOW_S)
+    assert [number(words[at : at + 2], ">f") for at in (8, 10, 12, 50, 52, 54)] == list(PLACE.values())
+    assert [number(words[at : at + 2], ">f") for at in (14, 16, 18)] == [8.75, 7.75, 9.75]
+    read = values(surface, NOW_S, datetime.now(UTC))
+    assert {name: one.Value.Value for name, one in read.items() if one.Value and name in PLACE} == PLACE
+    assert "position_mm" not in read
+    components = json.loads(description(Topics("beamtouch"), surface))["components"]
+    assert [components[axis]["value_template"] for axis in ("x", "y")] == [
+        "{{ value_json.x_mm | default(none) }}",
+        "{{ value_json.y_mm | default(none) }}",
+    ]
+    assert "position" not in components
+
+
+def test_a_beam_has_no_second_place() -> None:
+    surface = surface_of()
+    surface.receive(parsed(TOUCHING), NOW_S)
+    words = Blocks([surface], "big").read(0, 60, NOW_S)
+    assert [number(words[at : at + 2], ">f") for at in (50, 52, 54)] == [None] * 3
+    assert words[56:] == [0] * 4
+
+
+@pytest.mark.parametrize("is_lasting", [False, True])
+def test_an_event_has_its_places_by_axis_also_after_a_restart(tmp_path: Path, is_lasting: bool) -> None:
+    events = EventsSection(file=tmp_path / "events.db") if is_lasting else EventsSection()
+    bench = Bench(plate(), events=events)
+    bench.send(RESTING, *[TOUCHING] * 3)
+    if is_lasting:
+        bench.stop()
+        bench = Bench(plate(), events=events)
+    bench.send(*[TOUCHING] * 3, *[HARDER] * 4, RESTING, sequence=5, begin_us=1_795_218_046_143_456)
+    (event,) = bench.get("/events?path=true").json()["events"]
+    found = places_of(event)
+    assert found.keys() == OF_EVENT
+    assert [found[name] for name in ("min_x_mm", "max_x_mm", "peak_x_mm")] == [150.0, 275.0, 275.0]
+    assert [found[name] for name in ("min_y_mm", "max_y_mm", "peak_y_mm")] == [75.0, 137.5, 137.5]
+    assert found["mean_x_mm"] == pytest.approx(2 * found["mean_y_mm"])
+    assert [(stay["x_mm"], stay["y_mm"]) for stay in event["path"]] == [(150.0, 75.0), (275.0, 137.5)]
+    assert [places_of(stay).keys() for stay in event["path"]] == [PLACE.keys()] * 2
+    (row,) = csv.DictReader(io.StringIO(bench.get("/events?format=csv").text))
+    assert {name: float(row[name]) for name in OF_EVENT} == found
+
+
+def test_a_list_of_events_on_beams_and_plates_has_the_columns_of_both() -> None:
+    bench = Bench(plate(), surface_of("press-8"))
+    for name in ("press-7", "press-8"):
+        bench.send(RESTING, TOUCHING, RESTING, surface=name)
+    rows = {row["surface"]: row for row in csv.DictReader(io.StringIO(bench.get("/events?format=csv").text))}
+    assert [rows[name]["mean_y_mm"] for name in ("press-7", "press-8")] == ["75.0", ""]
+    assert [rows[name]["mean_position_mm"] for name in ("press-7", "press-8")] == ["", "150.0"]
+
+
+def test_an_unexplained_stretch_on_a_plate_has_empty_places() -> None:
+    bench = Bench(plate())
+    bench.send(RESTING, *[[0.5, 0.0, 0.5]] * 4, RESTING)
+    (event,) = bench.get("/events?kind=unexplained").json()["events"]
+    assert places_of(event) == dict.fromkeys(OF_EVENT)
+
+
+def test_a_zone_of_a_beam_and_a_commissioning_are_refused_in_one_line(tmp_path: Path) -> None:
+    section = SurfaceSection(zones={"gate": Zone(from_mm=120, to_mm=200)})
+    keeper = ModelKeeper(plate(section), tmp_path / "plate.onnx", None)
+    conflict = keeper.zone_conflict(model_of(outputs=PLATE_OUTPUTS))
+    assert conflict == "gate: its axis is position, but those of the model are x, y"
+    bench = Bench(plate())
+    bench.send(RESTING)
+    refused = bench.post({}, "/surfaces/press-7/commissioning").json()
+    assert refused["detail"] == "Commissioning knows beams only; places of press-7 have axes x, y."
+
+
+def test_a_model_whose_outputs_lack_an_axis_is_refused() -> None:
+    lacking = tuple(name for name in PLATE_OUTPUTS if name != "x_mm")
+    with pytest.raises(ModelFileError, match="output x_mm is missing"):
+        model_of(outputs=lacking)
