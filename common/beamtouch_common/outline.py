@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 BEAM_AXIS = "position"
@@ -9,6 +10,7 @@ BEAM_AXIS = "position"
 BEAM_AXES = (BEAM_AXIS,)
 
 
+@cache
 def names_of(figure: str, unit: str) -> tuple[str, str, str]:
     """Return the names of a figure and of the ends of its 95 % interval, as `x_mm`, `x_low_mm` and `x_high_mm`."""
     return f"{figure}_{unit}", f"{figure}_low_{unit}", f"{figure}_high_{unit}"

@@ -51,17 +51,21 @@ def figures_of(answer: Mapping[str, float], outline: Outline) -> Figures:
     # An interval may reach beyond the end of the structure. One that misses it is not an answer.
     if axis := outline.find_miss(place):
         raise UnusableEstimateError(f"{axis}_mm is {answer[f'{axis}_mm']:.6g}, off {outline}")
-    return Figures(
-        {axis: Span(*(round(end, _DECIMALS) for end in span)) for axis, span in place.items()},
-        force and Span(*(round(end, _DECIMALS) for end in force)),
-    )
+    return Figures({axis: _rounded(span) for axis, span in place.items()}, force and _rounded(force))
 
 
-def _span(answer: Mapping[str, float], name: str, unit: str) -> Span:
-    ends = {output: answer.get(output, nan) for output in names_of(name, unit)}
-    for output, value in ends.items():
-        _require_finite(output, value)
-    return Span(*ends.values())
+def _span(answer: Mapping[str, float], figure: str, unit: str) -> Span:
+    names = names_of(figure, unit)
+    middle, low, high = ends = [answer.get(name, nan) for name in names]
+    if not isfinite(middle + low + high):
+        for name, value in zip(names, ends, strict=True):
+            _require_finite(name, value)
+    return Span(middle, low, high)
+
+
+def _rounded(span: Span) -> Span:
+    middle, low, high = span
+    return Span(round(middle, _DECIMALS), round(low, _DECIMALS), round(high, _DECIMALS))
 
 
 def require_usable(evidence: Evidence) -> None:

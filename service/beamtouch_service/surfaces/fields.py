@@ -57,7 +57,7 @@ class Field:
     meaning: str
     """The first sentence says it in short, for a variable."""
     get: Callable[[View], Any]
-    """Returns its value; None where there is none."""
+    """Returns its value as JSON has it; None where there is none."""
     unit: str = ""
     register: Cell | None = None
     is_variable: bool = True
@@ -118,7 +118,7 @@ def fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field, ...]:
             State,
             "State of the surface. `contact`: one contact explains the sample. `clear`: the beam rests. `unexplained`: "
             "neither rest nor a single contact explains the sample.",
-            lambda view: view.state,
+            lambda view: view.state and view.state.value,
         ),
         # Registers keep their offsets for good: those of a second axis came later.
         *(field for axis, offset in zip(axes, (8, 50), strict=False) for field in _place(axis, offset)),
@@ -166,7 +166,7 @@ def fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field, ...]:
             "quality",
             ContactQuality,
             "`good`: all channels took part. `degraded`: some did not.",
-            lambda view: ContactQuality.DEGRADED if view.bad else ContactQuality.GOOD,
+            lambda view: (ContactQuality.DEGRADED if view.bad else ContactQuality.GOOD).value,
             is_variable=False,
         ),
         Field(
@@ -183,7 +183,7 @@ def fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field, ...]:
             "Zone of the configuration -> `inside`: all of the interval has been in it for as long as its dwell. "
             "`outside`: none of it is, or the beam is clear. `unsure`: neither. Null where no contact can be judged. "
             "Left out if no zones are configured.",
-            lambda view: view.zones,
+            lambda view: {name: answer and answer.value for name, answer in view.zones.items()},
             is_variable=False,
             is_optional=True,
         ),
@@ -209,11 +209,19 @@ Contact = _model_of(BEAM_AXES)
 """The contact on a beam."""
 
 
+@cache
+def _getters(axes: tuple[str, ...]) -> tuple[tuple[str, Callable[[View], Any], bool], ...]:
+    return tuple((field.name, field.get, field.is_optional) for field in fields_of(axes))
+
+
 def members_of(view: View) -> dict[str, Any]:
     """Return the members of a contact as JSON values; raises ProblemError if a problem prevents it."""
-    fields = fields_of(view.require_contact().axes)
-    members = {field.name: (field.get(view), field.is_optional) for field in fields}
-    return {name: value for name, (value, is_optional) in members.items() if value or not is_optional}
+    members = {}
+    for name, get, is_optional in _getters(view.require_contact().axes):
+        value = get(view)
+        if value or not is_optional:
+            members[name] = value
+    return members
 
 
 def encode(view: View) -> bytes:
