@@ -1,4 +1,4 @@
--- format 15
+-- format 16
 CREATE TABLE beamtouch_format (
     format INTEGER NOT NULL
 );

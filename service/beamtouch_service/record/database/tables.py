@@ -28,7 +28,7 @@ from sqlalchemy.types import TypeEngine
 from beamtouch_service.record.database.values import Word
 from beamtouch_service.record.events.event import Begin, End, Event, EventKind, Numbered
 
-FORMAT = 15
+FORMAT = 16
 """The format of the record. A record of another one is refused. Raise it when a table, a field of `Event` or the memory
 of a cursor changes."""
 ROW_NUMBER = BigInteger().with_variant(Integer, "sqlite")
