@@ -25,8 +25,9 @@ from beamtouch_models.design.calibration.calibrate import checked_fit
 from beamtouch_models.design.calibration.choice import has_one_scale, shares_of_scale
 from beamtouch_models.design.calibration.fit import Fit
 from beamtouch_models.design.calibration.nominal_surface import GAIN, RIGIDITY
-from beamtouch_models.design.calibration.recordings import Loads, RecordingError
+from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.calibration.session import SHIFT, WEIGHT
+from beamtouch_models.design.rows import RecordingError
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile

@@ -25,7 +25,8 @@ from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.calibrate import checked_fit
 from beamtouch_models.design.calibration.doubts import common_in_words
-from beamtouch_models.design.calibration.recordings import RecordingError, read_loads
+from beamtouch_models.design.calibration.recordings import read_loads
+from beamtouch_models.design.rows import RecordingError
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.places import on_axis

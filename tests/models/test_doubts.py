@@ -14,9 +14,10 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.calibration.calibrate import CheckedFit, calibrate, checked_fit
 from beamtouch_models.design.calibration.doubts import common_in_words
-from beamtouch_models.design.calibration.recordings import Loads, RecordingError, read_loads
+from beamtouch_models.design.calibration.recordings import Loads, read_loads
 from beamtouch_models.design.calibration.session import SHIFT
 from beamtouch_models.design.effort import Effort
+from beamtouch_models.design.rows import RecordingError
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import PERFECT, Imperfections
 from beamtouch_models.places import on_axis

@@ -13,7 +13,7 @@ def identity(*changes: tuple[str, str], layout: dict[str, float] = LAYOUT) -> st
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
-    return identity_of(parse_scene(text, "a scene").beam, layout)
+    return identity_of(parse_scene(text, "a scene"), layout)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,8 @@ from beamtouch_models.design.calibration.calibrate import checked_fit
 from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.mistaken import mistaken
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
-from beamtouch_models.design.calibration.recordings import Loads, RecordingError
+from beamtouch_models.design.calibration.recordings import Loads
+from beamtouch_models.design.rows import RecordingError
 from beamtouch_models.design.sweeps import silent
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections

@@ -187,7 +187,7 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
     before, after = (_percent(floor.gain) for floor in (model.metadata.floor, metadata.floor))
     rows = [
         ("contacts", f"{len(contacts)}, of which about {len(contacts) - single:.0f} are not single contacts"),
-        *((kind, words[kind]) for kind in KINDS),
+        *((kind, words[kind]) for kind in KINDS if kind in words),
         ("misfit", f"{misfits} (medians; {digits(expected, 3)} from noise alone)"),
         ("position", f"{change}, {digits(open_mm, 3)} mm left open"),
         *([("force", f"its scale stays open by {digits(100 * force, 2)} %")] if force else []),
@@ -205,10 +205,11 @@ def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[
     shown = {
         "rigidity": f"{(found.rigidity - 1) * 100:+.2f} +- {errors['rigidity'][0] * 100:.2f} %",
         "gain": f"{each(found.gain, errors['gain'], 100.0, 1.0)} %",
-        "position": f"{each(found.position_offset_mm, errors['position'])} mm",
         "curve": f"{found.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per mm",
         "offset": f"{each(found.offset_mm, errors['offset'], 1e3)} um",
     }
+    if "position" in errors:
+        shown["position"] = f"{each(found.position_offset_mm, errors['position'])} mm"
     if "fixity" in errors:
         ends = zip(found.fixity, errors["fixity"], strict=True)
         left, right = (f"{value:.3f} +- {error:.3f}" for value, error in ends)

@@ -106,7 +106,7 @@ def _load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
     """Read zones; InputError if the file is wrong, or a zone is none of the scene's surface."""
     zones = load_toml(_File, path).zones
     estimates_force = "force" in scene.requirements.descriptors
-    if conflict := first_conflict(zones, Outline.of_beam(scene.beam.length_mm), estimates_force=estimates_force):
+    if conflict := first_conflict(zones, Outline.of_beam(scene.length_mm), estimates_force=estimates_force):
         raise InputError(f"{path}: zones.{conflict}")
     least_n, most_n = scene.contact.force_range_n
     for name, zone in zones.items():

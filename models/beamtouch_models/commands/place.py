@@ -111,7 +111,7 @@ def _rows(found: dict[str, Any], compared: Compared, layout: Layout) -> list[tup
             f"{digits(1e3 * noise_mm, 3)} um noise per sample",
         ),
         *([("failed", f"mean error without the sensor {without}")] if without else []),
-        *((f"s{number}", reason) for number, reason in enumerate(compared.reasons, start=1)),
+        *zip(layout.channels, compared.reasons, strict=True),
         ("error", in_parts(compared.costs[TAKEN])),
         *(
             (key, f"{', '.join(digits(place, 4) for place in compared.positions_mm[name])} mm: {in_parts(costs)}")

@@ -7,10 +7,10 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
-from beamtouch_models.design.physics.beam import influence
-from beamtouch_models.design.scene.beam import Beam, changed_beam
+from beamtouch_models.design.physics.measured_structure import MeasuredStructure
+from beamtouch_models.design.physics.structure import Structure, changed, influence
 from beamtouch_models.design.surface import resolve_model
-from beamtouch_models.places import positions_of
+from beamtouch_models.places import on_axis, positions_of
 from beamtouch_models.runtime.metadata import Departures, Metadata
 
 
@@ -31,22 +31,29 @@ def prior_of_model(metadata: Metadata) -> Prior:
     prior = replace(prior, errors=errors)
     if metadata.calibration is None:
         return prior
-    # A calibration finds the positions of the sensors.
-    prior = replace(prior, variance_at=None)
-    return depart(prior, surface.beam, surface.contact_width_mm, sensor_mm, metadata.calibration.departures)
+    return depart(prior, surface.structure, surface.contact_width_mm, sensor_mm, metadata.calibration.departures)
 
 
-def depart(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, departures: Departures) -> Prior:
-    """Return the prior of a surface that differs from its scene, with its beam, width of contact and sensors.
+def depart(prior: Prior, structure: Structure, width_mm: float, sensor_mm: Floats, departures: Departures) -> Prior:
+    """Return the prior of a surface that differs from its scene, with its structure, width of contact and sensors.
 
-    Its deflections are linear in the force and hold the gains; `measured` adds curve and offsets.
+    Its deflections are linear in the force and hold the gains; `measured` adds curve and offsets. What a calibration
+    finds of a beam are also the positions of its sensors. What the table of a measured structure leaves open stays.
     """
-    real = changed_beam(beam, departures.rigidity, departures.fixity)
-    true_mm = departures.sensors_mm(sensor_mm, beam.length_mm)
-    influence_at = partial(_real_influence, np.array(departures.gain), real, true_mm, width_mm)
-    return replace(prior, influence_at=influence_at, measured=departures.measure)
+    real = changed(structure, departures.rigidity, departures.fixity)
+    true_mm, gain = departures.sensors_mm(sensor_mm, structure.length_mm), np.array(departures.gain)
+    influence_at = partial(_real_influence, gain, real, true_mm, width_mm)
+    variance_at = None
+    if isinstance(real, MeasuredStructure) and prior.variance_at is not None:
+        variance_at = partial(_real_variance, gain, real, true_mm)
+    return replace(prior, influence_at=influence_at, variance_at=variance_at, measured=departures.measure)
 
 
-def _real_influence(gain: Floats, beam: Beam, true_mm: Floats, width_mm: float, place_mm: Floats) -> Floats:
-    matrix: Floats = gain * influence(beam, true_mm, positions_of(place_mm), width_mm)
+def _real_influence(gain: Floats, structure: Structure, true_mm: Floats, width_mm: float, place_mm: Floats) -> Floats:
+    matrix: Floats = gain * influence(structure, true_mm, positions_of(place_mm), width_mm)
     return matrix
+
+
+def _real_variance(gain: Floats, structure: MeasuredStructure, true_mm: Floats, place_mm: Floats) -> Floats:
+    variance: Floats = gain**2 * structure.variance(on_axis(true_mm), place_mm)
+    return variance

@@ -91,6 +91,15 @@ class Layout:
         """(sensors,) from the left end."""
         return np.array(self.placement.positions_mm)
 
+    @property
+    def channels(self) -> dict[str, float]:
+        """Names of the sensors, with their positions: s1, s2 and so on, or those of the table of the scene."""
+        positions_mm, measured = self.placement.positions_mm, self.surface.scene.measured
+        if measured is None:
+            return {f"s{number}": place for number, place in enumerate(positions_mm, start=1)}
+        names = {place: name for name, place in measured.places_mm.items()}
+        return {names[place]: place for place in positions_mm}
+
     @cached_property
     def prior(self) -> Prior:
         """Everything that an estimator or a limit knows of the surface: physics ends here."""
@@ -260,7 +269,7 @@ def place_sensors(
     placement = fewest_sensors(
         surface.influence,
         surface.rules,
-        (count, count) if count else surface.scene.sensors.count_range,
+        (count, count) if count else surface.scene.count_range,
         wanted_mm=surface.scene.requirements.position_error_mm,
         sampling=surface.sampling,
         seed=seed,
@@ -291,6 +300,10 @@ def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
         raise SceneError(f"positions_mm: it has {twice[0]:g} mm twice; two sensors cannot share a position")
     if away := [place for place in scene.sensors.fixed_mm if place not in places_mm]:
         raise SceneError(f"positions_mm: it lacks {away[0]:g} mm, which is in sensors.fixed_mm of the scene")
+    if scene.measured is not None:
+        if away := [place for place in places_mm if place not in scene.measured.places_mm.values()]:
+            raise SceneError(f"positions_mm: no sensor was measured at {away[0]:g} mm; choose among those of the table")
+        return keep_sensors(surface, places_mm)
     if conflict := next(too_close(length_mm, surface.held_mm, scene.sensors, places_mm, "positions_mm has"), ""):
         raise SceneError(conflict)
     return keep_sensors(surface, places_mm)

@@ -21,9 +21,10 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.thresholds import rate_per_sample, readings_alike
 from beamtouch_models.design.effort import Effort
-from beamtouch_models.design.physics.beam import check_small_angles, influence_of, sensor_positions_mm
+from beamtouch_models.design.physics.beam import check_small_angles, sensor_positions_mm
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, Travel, check_own, travel_of
 from beamtouch_models.design.physics.motion import slowest_period_ms
+from beamtouch_models.design.physics.structure import Structure, influence_of, structure_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.design.placement.position_error import Sampling
@@ -99,6 +100,11 @@ class Surface:
     def beam(self) -> Beam:
         """The beam, without its negligible effects; SceneError if the structure is none."""
         return self.modelled.beam
+
+    @property
+    def structure(self) -> Structure:
+        """The structure, a beam without its negligible effects; SceneError if the scene states none."""
+        return structure_of(self.modelled)
 
     @property
     def contact_width_mm(self) -> float:
@@ -230,11 +236,11 @@ class Surface:
         SceneError
             The noise is 0, the beam deflects too far for the sensors' range, or no layout keeps the rules of sensors.
         """
-        scene, sensors = self.scene, self.scene.sensors
+        scene = self.scene
         if self.readings.reading_mm == 0:
             raise SceneError("sensors: with a noise of 0 there are no intervals; state the noise of a reading")
         _sensor_of(scene, self.travel)
-        fewest = min(sensors.fewest, sensors.count_range[1])
+        fewest = min(scene.fewest, scene.count_range[1])
         equal_layout(self.rules, self.influence.size_mm, count or fewest)
 
     def check_spacing(self, positions_mm: Sequence[float]) -> None:
@@ -297,15 +303,16 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
 
 
 def _structure_of(scene: Scene, influence: InfluenceFunction | None) -> InfluenceFunction:
-    """Return the influence function of a scene's beam as stated, or that which takes its place."""
+    """Return the influence function of a scene's structure as stated, or that which takes its place."""
     if influence is None:
         return influence_of(scene)
     check_own(influence, scene.contact.position_mm, scene.contact.force_range_n)
-    if scene.has_beam:
-        raise SceneError(
-            "beam: an influence function of your own takes its place, so that nothing may follow from both; take it "
-            "away, with change_scene(scene, beam=None)"
-        )
+    for name, is_stated in (("beam", scene.has_beam), ("measured", scene.measured is not None)):
+        if is_stated:
+            raise SceneError(
+                f"{name}: an influence function of your own takes its place, so that nothing may follow from both; "
+                f"take it away, with change_scene(scene, {name}=None)"
+            )
     return influence
 
 
@@ -315,8 +322,14 @@ def held_mm_of(scene: Scene) -> tuple[float, ...]:
 
 
 def rules_of(scene: Scene, length_mm: float) -> LayoutRules:
-    """Return where sensors may stand on a structure of this length; SceneError as `sensor_positions_mm`."""
+    """Return where sensors may stand on a structure of this length; SceneError as `sensor_positions_mm`.
+
+    Those of a measured structure stand where they were measured.
+    """
     sensors = scene.sensors
+    if scene.measured is not None:
+        allowed_mm = np.sort(list(scene.measured.places_mm.values()))
+        return LayoutRules(on_axis(allowed_mm), np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), 0.0)
     allowed_mm = sensor_positions_mm(sensors, length_mm, held_mm_of(scene))
     distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
     return LayoutRules(on_axis(allowed_mm), np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)

@@ -1,4 +1,4 @@
-"""The world of a simulated surface: its beam with departures, how it moves under loads, its sensors, and their ADC.
+"""The world of a simulated surface: its structure with departures, how it moves, its sensors, and their ADC.
 
 The rig plays it in real time; `challenge` and the errors since a touch play it for many draws at once. It has all
 effects that the scene states, also those whose price is negligible.
@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.design.physics.beam import influence
 from beamtouch_models.design.physics.motion import GRAVITY, M_PER_MM, Following, Modes, beyond_rest, damping_of, swings
+from beamtouch_models.design.physics.structure import Structure, changed, influence, structure_of
 from beamtouch_models.design.scene import Scene
-from beamtouch_models.design.scene.beam import Beam, changed_beam
+from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.errors import SceneError
 from beamtouch_models.runtime.metadata import Departures, Sensor
 
 TABLE = 1001
@@ -46,9 +47,9 @@ class SensorErrors:
 
 @dataclass(frozen=True)
 class World:
-    """A beam under loads, and its sensors. Tables are computed when they are first asked for."""
+    """A structure under loads, and its sensors. Tables are computed when they are first asked for."""
 
-    beam: Beam
+    structure: Structure
     """With its departures."""
     width_mm: float
     """Length over which a load presses."""
@@ -87,10 +88,10 @@ class World:
             The beam cannot be computed. So do the tables.
         """
         off = departures or Departures.none(len(layout_mm))
-        beam = changed_beam(scene.beam, off.rigidity, off.fixity)
-        sensor_mm = off.sensors_mm(layout_mm, beam.length_mm)
+        structure = changed(structure_of(scene), off.rigidity, off.fixity)
+        sensor_mm = off.sensors_mm(layout_mm, structure.length_mm)
         loads = loads_mm or scene.contact.position_mm
-        return cls(beam, scene.contact.width_mm, loads, sensor, sensor_mm, noise_mm, off)
+        return cls(structure, scene.contact.width_mm, loads, sensor, sensor_mm, noise_mm, off)
 
     @property
     def channels(self) -> int:
@@ -106,12 +107,19 @@ class World:
     def influence(self) -> CubicSpline:
         """From load positions (...) to deflections per newton (..., channels) in mm/N."""
         loads = np.linspace(*self.loads_mm, TABLE)
-        return CubicSpline(loads, influence(self.beam, self.sensor_mm, loads, self.width_mm))
+        return CubicSpline(loads, influence(self.structure, self.sensor_mm, loads, self.width_mm))
 
     @cached_property
     def modes(self) -> Modes | None:
-        """The modes of the beam; None if the scene does not state its mass."""
-        return Modes.of(self.beam, self.width_mm)
+        """The modes of the beam; None if the scene does not state its mass, or the structure is none."""
+        return Modes.of(self.structure, self.width_mm) if isinstance(self.structure, Beam) else None
+
+    @property
+    def damping_ratio(self) -> float:
+        """Damping ratio of the modes of the beam; SceneError if the structure is none."""
+        if not isinstance(self.structure, Beam):
+            raise SceneError("measured: how it rings is not known")
+        return damping_of(self.structure)
 
     @cached_property
     def mode_shapes(self) -> CubicSpline | None:
@@ -154,7 +162,7 @@ class World:
             raise ValueError("a beam without a mass does not ring")
         weight_kg, shapes = force_n / GRAVITY * weighs, modes.under(position_mm)
         loaded = swings(modes.at(self.sensor_mm), shapes, modes.square_s2, force_n, weight_kg)
-        return loaded.ringing_mm(seconds, damping_of(self.beam), lasting_s)
+        return loaded.ringing_mm(seconds, self.damping_ratio, lasting_s)
 
     def inertia_mm(self, path_mm: Floats, force_n: Floats, step_s: float) -> Floats:
         """Return what inertia adds to the deflections at rest under a load that moves, (draws, steps, channels) in mm.
@@ -166,7 +174,7 @@ class World:
         if modes is None or shapes is None:
             return np.zeros((*path_mm.shape, self.channels))
         target = shapes(path_mm) * force_n[:, None, None]
-        away = beyond_rest(target, step_s, 1 / np.sqrt(modes.square_s2), damping_of(self.beam))
+        away = beyond_rest(target, step_s, 1 / np.sqrt(modes.square_s2), self.damping_ratio)
         added: Floats = away @ self.share_mm.T
         return added
 
@@ -204,7 +212,7 @@ class Motion:
         self._shapes = world.mode_shapes if rings else None
         if modes is not None:
             self._share_mm, self._second_per_angle = world.share_mm, np.sqrt(modes.square_s2)
-        self._damping_ratio = damping_of(world.beam)
+            self._damping_ratio = world.damping_ratio
         self._last: tuple[float, Following] | None = None
 
     def at(self, seconds: float, position_mm: float, force_n: float) -> Floats:

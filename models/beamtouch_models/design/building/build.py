@@ -64,21 +64,21 @@ def build_model(
         raise SceneError(f"name = {name!r} must {RULE}")
     if estimator not in ESTIMATORS:
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
-    if not layout.surface.scene.has_beam:
+    if not layout.surface.scene.has_beam and layout.surface.scene.measured is None:
         raise SceneError(
-            "influence: a model file holds the scene's beam, not an influence function of your own; its layouts have "
-            "limits, but no model"
+            "influence: a model file holds the scene's structure, not an influence function of your own; its layouts "
+            "have limits, but no model. Write a table of it, and name that in [measured]"
         )
     surface, prior, scene = layout.surface, layout.prior, layout.surface.scene
     made = layout.make_estimator(estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done))
     progress("measuring the accuracy against the limit", 0.8)
     fields = measure(made, prior, surface, layout.world, seed, layout.aim)
-    channels = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(layout.placement.positions_mm, start=1)]
+    channels = [Channel(name=name, position_mm=x) for name, x in layout.channels.items()]
     metadata = Metadata(
         name=name,
-        beam=identity_of(scene.beam, {channel.name: channel.position_mm for channel in channels}),
+        beam=identity_of(scene, layout.channels),
         estimator=made.name,
-        length_mm=scene.beam.length_mm,
+        length_mm=scene.length_mm,
         layout=channels,
         ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
         max_deflection_mm=surface.travel.largest_mm,
@@ -94,7 +94,18 @@ def build_model(
 
 
 def draw_beam(scene: Scene) -> BeamDrawing:
-    """Return the beam of a scene as the service's page draws it: supports, and its shape under a contact."""
+    """Return the beam of a scene as the service's page draws it: supports, and its shape under a contact.
+
+    How a measured structure is held and bends between its sensors is not known: it is a straight line.
+    """
+    if not scene.has_beam:
+        return BeamDrawing(
+            supports=[],
+            at_mm=[0.0, scene.length_mm],
+            load_mm=[scene.contact.position_mm[0]],
+            deflection_mm_per_n=[[0.0, 0.0]],
+            sensor_mm=scene.sensors.size_mm,
+        )
     position_mm = np.linspace(0.0, scene.beam.length_mm, POINTS)
     load = np.linspace(*scene.contact.position_mm, LOADS)
     shape = influence(scene.beam, position_mm, load, scene.contact.width_mm)

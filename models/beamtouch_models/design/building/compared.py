@@ -63,7 +63,8 @@ def compare_layout(layout: Layout, seed: int, *, anew: bool = False) -> Compared
     # The rules may leave too few independent readings; only the product needs as many as there are sensors.
     with suppress(SceneError):
         positions[PAPERS] = np.array(place(influence, rules, count, seed, effort=aim.effort).positions_mm)
-    positions[EQUAL] = positions_of(equal_pitch_mm(influence.size_mm, count))
+    if surface.scene.measured is None:  # elsewhere, nobody has measured a sensor
+        positions[EQUAL] = positions_of(equal_pitch_mm(influence.size_mm, count))
     shares = {ANEW: surface.scene.requirements.failed_percent} if anew else {}
     if aim.failed_percent:
         shares[ALL_WORK] = 0.0

@@ -87,7 +87,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
     return Measured(
         min_channels=estimator.min_channels,
         thresholds=thresholds,
-        smallest_force=smallest_forces(prior, thresholds.touch[-1], surface.scene.beam.held_mm),
+        smallest_force=smallest_forces(prior, thresholds.touch[-1], surface.held_mm),
         floor=Floor(gain=gain, zero_mm=zero_mm, drift_mm_per_min=surface.readings.drift_mm_per_min),
         influence=Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table]),
         accuracy=accuracy,

@@ -22,7 +22,7 @@ class Mounted:
 
     def fits(self, scene: Scene) -> bool:
         """Return whether these places can be those of a scene."""
-        few, many = scene.sensors.count_range
+        few, many = scene.count_range
         if not few <= len(self.positions_mm) <= many or not set(scene.sensors.fixed_mm) <= set(self.positions_mm):
             return False
         try:

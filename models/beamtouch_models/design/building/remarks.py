@@ -18,7 +18,7 @@ SHORT_S = 60.0
 
 def remarks(scene: Scene) -> list[str]:
     """Return what an engineer should look at again in a scene."""
-    return [*_implausible(scene.beam), *_assumed(scene.beam)]
+    return [*_implausible(scene.beam), *_assumed(scene.beam)] if scene.has_beam else []
 
 
 def _implausible(beam: Beam) -> Iterator[str]:
@@ -55,7 +55,7 @@ def missed_requirement(metadata: Metadata, scene: Scene) -> str:
 
 def missed_error(name: str, percent: float, scene: Scene) -> str:
     """Say by how much an error in percent of the length exceeds what a scene requires; empty if it does not."""
-    wanted_mm, error_mm = scene.requirements.position_error_mm, percent / 100 * scene.beam.length_mm
+    wanted_mm, error_mm = scene.requirements.position_error_mm, percent / 100 * scene.length_mm
     if wanted_mm is None or error_mm <= wanted_mm:
         return ""
     return (

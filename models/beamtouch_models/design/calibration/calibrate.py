@@ -18,7 +18,7 @@ from beamtouch_models.design.calibration.doubts import common_in_words, doubts
 from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import MistakenLoad, mistaken
 from beamtouch_models.design.calibration.nominal_surface import POSITION_MM, NominalSurface
-from beamtouch_models.design.calibration.recordings import Loads, RecordingError
+from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.calibration.session import DRIFTING, Session
 from beamtouch_models.design.calibration.swapped import swapped
 from beamtouch_models.design.calibration.unlabelled import measure_remaining
@@ -26,6 +26,7 @@ from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.design.estimators.onnx_graph import to_bytes, with_force_error, with_linear_input
 from beamtouch_models.design.placement.placing import Aim
+from beamtouch_models.design.rows import RecordingError
 from beamtouch_models.design.scene.tables import MAX_GAIN_PERCENT
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.sweeps import Fraction, Progress, silent

@@ -11,6 +11,7 @@ from scipy.optimize import lsq_linear
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibrated import depart
+from beamtouch_models.design.physics.structure import Structure
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.places import grid_of, on_axis
@@ -54,8 +55,8 @@ STEP = 1e-4
 class NominalSurface:
     """The surface that a calibration departs from."""
 
-    beam: Beam
-    """The beam, which is solved again for another rigidity and fixity."""
+    structure: Structure
+    """The beam, which is solved again for another rigidity and fixity, or the measured structure."""
     width_mm: float
     """Width of a contact."""
     sensor_mm: Floats
@@ -74,7 +75,7 @@ class NominalSurface:
         surface, sensor_mm = resolve_model(metadata), metadata.layout_mm
         prior = Prior.of(surface.influence, on_axis(sensor_mm), Errors(metadata.noise.sample_mm))
         return cls(
-            surface.beam,
+            surface.structure,
             surface.contact_width_mm,
             sensor_mm,
             prior,
@@ -88,12 +89,14 @@ class NominalSurface:
         places = self._places.copy()
         if not any(self.hinged):
             del places["fixity"]
+        if not isinstance(self.structure, Beam):  # what its sensors show was measured where they stand
+            del places["position"]
         return places
 
     @cached_property
     def hinged(self) -> tuple[bool, bool]:
         """True if the first and the last support can have a fixity."""
-        supports = self.beam.support_list
+        supports = self.structure.support_list if isinstance(self.structure, Beam) else ()
         if not supports:
             return False, False
         return supports[0].kind == "simple", len(supports) > 1 and supports[-1].kind == "simple"
@@ -145,7 +148,7 @@ class NominalSurface:
 
     def prior_with(self, departures: Departures) -> Prior:
         """Return the prior of the surface with departures."""
-        return depart(self.prior, self.beam, self.width_mm, self.sensor_mm, departures)
+        return depart(self.prior, self.structure, self.width_mm, self.sensor_mm, departures)
 
     def curve(self, vector: Floats) -> InfluenceCurve:
         """Return the influence of the surface with the departures that a vector encodes, over the range of contacts."""

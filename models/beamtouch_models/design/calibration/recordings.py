@@ -3,20 +3,16 @@
 Unlabelled contacts are mean deflections per event, from a file that the service offers; place and force are unknown.
 """
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
 
 from beamtouch_common.digits import digits
-from beamtouch_common.encodings import decode
-from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.design.rows import RecordingError, Row, read_rows
 from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.health.changes import DRIFT
 from beamtouch_models.runtime.health.residuals import LoadErrors
@@ -35,10 +31,6 @@ MAX_MINUTES = 24 * 60.0
 """Longest recording; if it takes longer, the times of its loads say nothing of their zeros."""
 STATED = LoadErrors(placing_mm=1.0, force=0.01)
 """Errors of loads that a person places by a ruler and weighs on a scale."""
-
-
-class RecordingError(InputError):
-    """A recording cannot be read, belongs to another surface, or cannot determine a fit."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +77,7 @@ class Loads:
 def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) -> Loads:
     """Read and average a recording, leaving out some loads by number; raises RecordingError with the reason."""
     channels = [channel.name for channel in metadata.layout]
-    rows, columns = _read_rows(path)
+    rows, columns = read_rows(path)
     if not rows:
         raise RecordingError(f"{path}: no samples; record loads with beamtouch-daemon record")
     wanted = ["load", "position_mm", "force_n", *(f"{name}_deflection_mm" for name in channels)]
@@ -108,57 +100,7 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
     return loads
 
 
-@dataclass(frozen=True)
-class _Line:
-    """A row of a CSV file, and its last line there, counted from 1."""
-
-    number: int
-    cells: dict[str, str]
-    """By the names of their columns; empty if the row is too short."""
-
-    def number_in(self, column: str) -> float:
-        """Return the number in a column; raises RecordingError if there is none."""
-        cell = self.cells[column]
-        try:
-            return float(cell)
-        except ValueError:
-            fault = f"states {cell!r}, which is not a number" if cell else "is empty"
-            raise RecordingError(f"line {self.number}: {column} {fault}; write 12.5, without a unit") from None
-
-    def load(self) -> int:
-        """Return the number of the load; raises RecordingError if it is no whole number."""
-        number = self.number_in("load")
-        if not number.is_integer():
-            raise RecordingError(f"line {self.number}: load is {number:g}; number the loads 1, 2, 3")
-        return int(number)
-
-
-def _read_rows(path: Path) -> tuple[list[_Line], Sequence[str]]:
-    """Return the rows of a CSV file, without empty ones, and the columns; raises RecordingError if it is none."""
-    try:
-        reader = csv.reader(io.StringIO(decode(path.read_bytes()), newline=""), skipinitialspace=True)
-        columns = next(reader, [])
-        given = [(reader.line_num, cells) for cells in reader if any(cells)]
-    except (OSError, ValueError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) else f"not a CSV file: {error}"
-        raise RecordingError(f"{path}: {reason}") from None
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if len(columns) == 1 and mark in columns[0]:
-            remedy = "separate them by commas, and write decimals with a point"
-            raise RecordingError(f"{path}: {name} separate the columns; {remedy}")
-    twice = [name for name in columns if name and columns.count(name) > 1]
-    if twice:
-        raise RecordingError(f"{path}: two columns are named {twice[0]}; take one out")
-    for number, cells in given:
-        if len(columns) > 1 and any(cells[len(columns) :]):
-            raise RecordingError(
-                f"{path}: line {number} has {len(cells)} values in {len(columns)} columns; write decimals with a point"
-            )
-    rows = [_Line(number, dict(zip_longest(columns, cells[: len(columns)], fillvalue=""))) for number, cells in given]
-    return rows, columns
-
-
-def _averaged(rows: list[_Line], channels: list[str], metadata: Metadata) -> Loads:
+def _averaged(rows: list[Row], channels: list[str], metadata: Metadata) -> Loads:
     """Return the means of all loads; raises RecordingError if a value is not a number."""
     number, line = np.array([row.load() for row in rows]), np.array([row.number for row in rows])
     position, force = (np.array([row.number_in(column) for row in rows]) for column in ("position_mm", "force_n"))
@@ -192,7 +134,7 @@ def _averaged(rows: list[_Line], channels: list[str], metadata: Metadata) -> Loa
     )
 
 
-def _minutes(rows: list[_Line], each: list[Indices]) -> Floats:
+def _minutes(rows: list[Row], each: list[Indices]) -> Floats:
     """Return the time of each load since the first [min]; 0 if some load has none."""
     try:
         seconds = np.array([float(row.cells.get(TIME, "")) for row in rows])
@@ -203,7 +145,7 @@ def _minutes(rows: list[_Line], each: list[Indices]) -> Floats:
     return since if np.isfinite(since).all() and since.max() < MAX_MINUTES else np.zeros(len(each))
 
 
-def _deflection_mm(row: _Line, channel: str) -> float:
+def _deflection_mm(row: Row, channel: str) -> float:
     """Return a channel's deflection; NaN if it has none, or is not good."""
     column, quality = f"{channel}_deflection_mm", row.cells.get(f"{channel}_quality", GOOD)
     return row.number_in(column) if row.cells[column] and quality == GOOD else np.nan
@@ -311,7 +253,7 @@ def read_contacts(path: Path, metadata: Metadata) -> UnlabelledContacts:
     channels = [channel.name for channel in metadata.layout]
     if path.is_file() and path.stat().st_size > MAX_BYTES:
         raise RecordingError(f"{path}: it is larger than {MAX_BYTES >> 20} MiB; fetch fewer contacts, with ?limit=")
-    given, columns = _read_rows(path)
+    given, columns = read_rows(path)
     wanted = ["event", "time", "model", "characteristic"]
     wanted += [f"{name}_{end}" for end in ("mm", "sd_mm") for name in channels]
     missing = [column for column in wanted if column not in columns]

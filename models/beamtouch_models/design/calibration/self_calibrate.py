@@ -87,13 +87,14 @@ def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress)
     if metadata.calibration is not None:
         start = nominal.vector_of(metadata.calibration.departures)
     progress("fitting", 0.0)
-    fit = fit_contacts(nominal, start, contacts, KINDS, zero_mm)
+    kinds = tuple(kind for kind in KINDS if kind in nominal.kinds)
+    fit = fit_contacts(nominal, start, contacts, kinds, zero_mm)
     _check_single(fit, most)
     _check_spread(fit)
     covariance = fit.covariance
     if "fixity" in nominal.kinds:
         progress("looking for another beam", 0.3)
-        with_fixity = fit_contacts(nominal, start, contacts, (*KINDS, "fixity"), zero_mm, like=fit)
+        with_fixity = fit_contacts(nominal, start, contacts, (*kinds, "fixity"), zero_mm, like=fit)
         _check_beam(fit, with_fixity)
         # A fixity that is too small to be seen leaves its share of the error.
         covariance = with_fixity.covariance

@@ -173,7 +173,7 @@ class Session:
     @property
     def _shift_unit_mm(self) -> float:
         """A plausible shift of all loads."""
-        return SHIFT_SHARE * self.nominal.beam.length_mm
+        return SHIFT_SHARE * self.nominal.structure.length_mm
 
     @cached_property
     def _bend_units_mm(self) -> Floats:

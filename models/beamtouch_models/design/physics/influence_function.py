@@ -35,8 +35,10 @@ class Interpolation:
     (loads, sensors) in mm/N."""
     spacing_mm: float
     """Largest distance of neighbouring places of the table."""
-    order: float
-    """The power of that distance with which the deviation falls."""
+    order: float = math.nan
+    """The power of that distance with which the deviation falls; NaN if that is not known."""
+    repeats: Callable[[Floats, Floats], Floats] | None = None
+    """Like `deviation_at`: how far the influence differs when a load is put on anew; None: it repeats."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,7 +145,7 @@ class InfluenceFunction:
 
         These are standard deviations, positive where the influence grows with the coordinate of the sensor: of several
         loads at once they add up, as a sensor is at one place only. What the interpolation of a table leaves stands
-        behind them, as if it were one more axis. Errors as `at`.
+        behind them, as if it were one more axis, and then how far loads do not repeat. Errors as `at`.
         """
         sensor_mm = np.reshape(sensor_mm, (-1, len(self.size_mm)))
         deviation = np.empty((len(load_mm), *sensor_mm.shape))
@@ -155,8 +157,9 @@ class InfluenceFunction:
             deviation[..., axis] = change * (tolerance_mm / apart)
         if self.interpolation is None:
             return deviation
-        left = self.interpolation.deviation_at(sensor_mm, load_mm)
-        return np.concatenate([deviation, left[..., None]], axis=2)
+        sources = self.interpolation.deviation_at, self.interpolation.repeats
+        left = [source(sensor_mm, load_mm)[..., None] for source in sources if source is not None]
+        return np.concatenate([deviation, *left], axis=2)
 
     def variance(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
         """Return the variance of the influence, (loads, sensors) in (mm/N)^2; arguments as `deviation`."""

@@ -349,13 +349,24 @@ def _interpolation(pricing: Pricing) -> Effect:
     name, table = "interpolation", pricing.influence.interpolation
     if table is None:
         return Effect(name, 0.0, "out", "the influence function is known everywhere")
-    deviation = table.deviation_at(on_axis(pricing.sensor_mm), on_axis(pricing.load_mm[:1]))
+    deviation = table.deviation_at(on_axis(pricing.sensor_mm), on_axis(pricing.load_mm))
     price = pricing.in_noise(pricing.influence.force_n[1] * deviation)
     reason = f"of a table of places {digits(table.spacing_mm, 3)} mm apart"
-    if price > 1:
+    if price > 1 and not math.isnan(table.order):
         needed_mm = table.spacing_mm * (1 / price) ** (1 / table.order)
         reason += f"; with one at every {at_most(needed_mm):g} mm it would be no larger than the noise"
     return Effect(name, price, "floor", reason)
+
+
+def _repeatability(pricing: Pricing) -> Effect:
+    """Price by how much the deflection differs when a load is put on anew."""
+    name, table = "repeatability", pricing.influence.interpolation
+    if table is None or table.repeats is None:
+        return Effect(name, 0.0, "out", "the influence function is exact")
+    scatter = pricing.influence.force_n[1] * table.repeats(on_axis(pricing.sensor_mm), on_axis(pricing.load_mm[:1]))
+    return Effect(
+        name, pricing.in_noise(scatter), "floor", "loads that are put on anew at the same place differ by this"
+    )
 
 
 OF_BEAMS: tuple[Callable[[Pricing], Effect], ...] = (
@@ -376,6 +387,7 @@ OF_SENSORS: tuple[Callable[[Pricing], Effect], ...] = (
     _mounting_tolerance,
 )
 OF_HEAT = _expansion, _sensor_drift
+OF_TABLES = _interpolation, _repeatability
 
 
 def effects_of(
@@ -396,9 +408,7 @@ def effects_of(
     """
     indices = np.linspace(0, len(allowed_mm) - 1, min(len(allowed_mm), MAX_POSITIONS)).round().astype(np.intp)
     pricing = Pricing(scene, influence, chosen, readings, allowed_mm[indices])
-    of_structure = (
-        (*OF_BEAMS, *OF_SENSORS, *OF_HEAT) if scene.has_beam else (_interpolation, *OF_SENSORS, _sensor_drift)
-    )
+    of_structure = (*OF_BEAMS, *OF_SENSORS, *OF_HEAT) if scene.has_beam else (*OF_TABLES, *OF_SENSORS, _sensor_drift)
     return _include_too_many([price(pricing) for price in of_structure])
 
 

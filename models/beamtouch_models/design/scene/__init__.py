@@ -15,8 +15,9 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import parse_toml, read_text, validate
 from beamtouch_models.design.rates import MAX_FALSE, max_false_per_day
-from beamtouch_models.design.scene.beam import Beam, identity_of
-from beamtouch_models.design.scene.plausible import in_other_units, misplaced
+from beamtouch_models.design.scene.beam import Beam, identity_of_beam
+from beamtouch_models.design.scene.measured import FOLDER, Measured, identity_of_measured
+from beamtouch_models.design.scene.plausible import in_other_units, misplaced, not_of_measured
 from beamtouch_models.design.scene.tables import Contact, Environment, Requirements, Sensors, Strict
 from beamtouch_models.errors import SceneError, require
 
@@ -33,12 +34,20 @@ class Scene(Strict):
     (400.0, (2.0, 20.0))
     """
 
-    # A file needs a beam; a scene without one is for scripts.
-    model_config = ConfigDict(serialize_by_alias=True, json_schema_extra={"required": ["beam", "contact", "sensors"]})
+    # A file needs a structure; a scene without one is for scripts.
+    model_config = ConfigDict(
+        serialize_by_alias=True,
+        json_schema_extra={
+            "required": ["contact", "sensors"],
+            "oneOf": [{"required": ["beam"]}, {"required": ["measured"]}],
+        },
+    )
 
     stated_beam: Beam | None = Field(default=None, alias="beam")
-    """The beam, with its supports and its foundation. Only a structure whose influence function a script gives in its
-    place has none."""
+    """The beam, with its supports and its foundation. Only a measured structure, or one whose influence function a
+    script gives in its place, has none."""
+    measured: Measured | None = None
+    """A structure whose influence was measured, in place of a beam."""
     contact: Contact
     """The contacts that the surface is designed for."""
     sensors: Sensors
@@ -53,6 +62,12 @@ class Scene(Strict):
         # Units come first: the other checks stumble over a number in another one.
         if (beam := self.stated_beam) is not None and (
             message := next(chain(in_other_units(beam), misplaced(beam, self.contact, self.sensors)), "")
+        ):
+            raise ValueError(message)
+        if beam is not None and self.measured is not None:
+            raise ValueError("state either beam or measured, not both")
+        if self.measured is not None and (
+            message := next(not_of_measured(self.measured, self.contact, self.sensors), "")
         ):
             raise ValueError(message)
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
@@ -79,8 +94,32 @@ class Scene(Strict):
 
     @property
     def has_beam(self) -> bool:
-        """True if the structure is a beam; otherwise its influence function is given beside the scene."""
+        """True if the structure is a beam; otherwise it is measured, or its influence function given by a script."""
         return self.stated_beam is not None
+
+    @property
+    def length_mm(self) -> float:
+        """Length of the structure; SceneError if the scene states none."""
+        return self.beam.length_mm if self.measured is None else self.measured.end_mm
+
+    @property
+    def count_range(self) -> tuple[int, int]:
+        """Smallest and largest number of sensors.
+
+        Of a measured structure, these are at most those of its table: all of them, unless the scene says otherwise.
+        """
+        few, many = self.sensors.count_range
+        if self.measured is None:
+            return few, many
+        most = len(self.measured.loads.names)
+        if self.sensors.count == "auto":
+            return most if self.requirements.position_error_mm is None else min(few, most), most
+        return min(few, most), min(many, most)
+
+    @property
+    def fewest(self) -> int:
+        """Smallest number of sensors to consider: never less than the fixed ones."""
+        return max(self.count_range[0], len(self.sensors.fixed_mm))
 
     @property
     def beam(self) -> Beam:
@@ -118,7 +157,7 @@ def read_scene(scene: Path | str) -> Scene:
     if not isinstance(scene, Path | str):
         raise InputError(f"the scene: give a path or TOML text, not {type(scene).__name__}")
     path = path_of(scene)
-    return parse_scene(str(scene), "the scene") if path is None else parse_scene(read_text(path), str(path))
+    return parse_scene(str(scene), "the scene") if path is None else _parse_file(path, read_text(path))
 
 
 def path_of(scene: object) -> Path | None:
@@ -191,6 +230,19 @@ def format_scene(scene: Scene) -> str:
     )
 
 
+def identity_of(scene: Scene, sensors_mm: Mapping[str, float]) -> str:
+    """Return the identity of the structure of a scene with sensors, by the names of their channels, at positions [mm].
+
+    Raises
+    ------
+    SceneError
+        The scene states no structure.
+    """
+    if scene.measured is not None:
+        return identity_of_measured(scene.measured, sensors_mm)
+    return identity_of_beam(scene.beam, sensors_mm)
+
+
 def _without_none(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     return {name: {key: value for key, value in table.items() if value is not None} for name, table in tables.items()}
 
@@ -199,21 +251,29 @@ def _toml(value: object) -> str:
     """Return a value as TOML; its numbers, texts, truth values and lists are those of JSON."""
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{key} = {_toml(item)}' for key, item in value.items() if item is not None)} }}"
+    if isinstance(value, str) and "\n" in value:
+        return f'"""\n{value}"""'  # a table; it has no quotes
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     return json.dumps(value)
 
 
 def load_scene(path: Path) -> tuple[Scene, str]:
-    """Read the scene file of a command, which states a beam; returns the scene and its text.
+    """Read the scene file of a command, which states a structure; returns the scene and its text, with all tables.
 
     Raises InputError as `parse_scene` does.
     """
     text = read_text(path)
-    scene = parse_scene(text, str(path))
+    scene = _parse_file(path, text)
+    if scene.measured is not None:
+        return scene, format_scene(scene)
     if not scene.has_beam:
-        raise InputError(f"{path}: beam is missing; add it")
+        raise InputError(f"{path}: beam is missing; add it, or measured")
     return scene, text
+
+
+def _parse_file(path: Path, text: str) -> Scene:
+    return parse_toml(Scene, text, str(path), context={FOLDER: path.parent})
 
 
 def parse_scene(text: str, origin: str) -> Scene:

@@ -272,7 +272,7 @@ def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Be
         raise SceneError(f"rigidity: {reason_of(error.errors()[0])}") from None
 
 
-def identity_of(beam: Beam, sensors_mm: Mapping[str, float]) -> str:
+def identity_of_beam(beam: Beam, sensors_mm: Mapping[str, float]) -> str:
     """Return the identity of a beam with sensors, by the names of their channels, at these positions [mm].
 
     It stands for what decides how the sensors move under a load: length, rigidity, supports, foundation, positions and
@@ -281,27 +281,28 @@ def identity_of(beam: Beam, sensors_mm: Mapping[str, float]) -> str:
     """
     shear = beam.shear_modulus_gpa
     facts = {
-        "length_mm": _text(beam.length_mm),
+        "length_mm": text_of(beam.length_mm),
         "sections": [
             [
-                _text(section.to_mm),
-                _text(section.rigidity_n_mm2),
-                _text(section.area_mm2 if shear is not None else None),
+                text_of(section.to_mm),
+                text_of(section.rigidity_n_mm2),
+                text_of(section.area_mm2 if shear is not None else None),
             ]
             for section in beam.sections
         ],
-        "shear_modulus_gpa": _text(shear),
-        "foundation_n_mm2": _text(beam.foundation_n_mm2),
+        "shear_modulus_gpa": text_of(shear),
+        "foundation_n_mm2": text_of(beam.foundation_n_mm2),
         # Sliding lengthwise moves no sensor.
         "supports": [
-            [value if key == "kind" else _text(value) for key, value in support if key != "slides"]
+            [value if key == "kind" else text_of(value) for key, value in support if key != "slides"]
             for support in beam.support_list
         ],
-        "sensors_mm": {name: _text(position_mm) for name, position_mm in sensors_mm.items()},
+        "sensors_mm": {name: text_of(position_mm) for name, position_mm in sensors_mm.items()},
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:DIGITS]
 
 
-def _text(number: float | None) -> str:
+def text_of(number: float | None) -> str:
+    """Return the text of a number in an identity, empty if there is none."""
     # 0.0 is added because -0.0 is another text.
     return "" if number is None else f"{number + 0.0:.6g}"

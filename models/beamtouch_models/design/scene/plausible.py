@@ -1,11 +1,12 @@
 """Obvious mistakes in a scene: places off the beam, in contradiction or in metres, and numbers in other units."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from beamtouch_common.digits import digits
 from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.scene.measured import Measured
 from beamtouch_models.design.scene.tables import Contact, Sensors
 
 MM_PER_M, UM_PER_MM = 1000, 1000
@@ -49,6 +50,30 @@ def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
     if sensors.size_mm >= length:
         yield f"sensors.size_mm = {sensors.size_mm:g} must be less than beam.length_mm = {length:g}"
     yield from too_close(length, beam.held_mm, sensors, sensors.fixed_mm, "sensors: fixed_mm has")
+
+
+def not_of_measured(measured: Measured, contact: Contact, sensors: Sensors) -> Iterator[str]:
+    """Yield what to change in what a scene states beside a measured structure."""
+    end_mm, names, places = measured.end_mm, measured.loads.names, measured.places_mm
+    if contact.position_mm[0] < 0 or contact.position_mm[1] > end_mm:
+        yield (
+            f"contact.position_mm = {list(contact.position_mm)} reaches beyond the structure, 0..{end_mm:g} mm; "
+            "correct it, or state measured.length_mm"
+        )
+    moved = "sensors stand where they were measured; leave it out"
+    for key in ("mounting_tolerance_mm", "min_distance_mm", "keep_out_mm"):
+        if getattr(sensors, key):
+            yield f"sensors.{key} is for a beam; {moved}"
+    if contact.width_mm:
+        yield "contact.width_mm is for a beam; a measured structure is as its loads pressed on it; leave it out"
+    if away := [place for place in sensors.fixed_mm if place not in places.values()]:
+        yield f"sensors.fixed_mm has {away[0]:g} mm, where the table has no sensor; its sensors are {_in_words(places)}"
+    if sensors.count != "auto" and sensors.count_range[0] > len(names):
+        yield f"sensors.count = {sensors.count_range[0]}, but the table has {len(names)} sensors: {', '.join(names)}"
+
+
+def _in_words(places: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} at {place:g} mm" for name, place in places.items())
 
 
 def too_close(

@@ -171,11 +171,6 @@ class Sensors(Strict):
             return 2, 8
         return self.count if isinstance(self.count, tuple) else (self.count, self.count)
 
-    @property
-    def fewest(self) -> int:
-        """Smallest number of sensors to consider: never less than the fixed ones."""
-        return max(self.count_range[0], len(self.fixed_mm))
-
 
 Descriptor = Literal["position", "force"]
 

@@ -127,7 +127,7 @@ def moves(at: DrawnContacts, *, speed_mm_per_s: float, motion: Motion = BEGINS, 
 
 def _crosses(surface: SimulatedSurface, path_mm: Floats) -> Bools:
     """Return which paths (draws, steps) cross a support, (draws,)."""
-    held_mm = np.array(surface.world.beam.held_mm)[:, None]
+    held_mm = np.array(surface.world.structure.held_mm)[:, None]
     crossed: Bools = ((path_mm.min(axis=1) < held_mm) & (held_mm < path_mm.max(axis=1))).any(axis=0)
     return crossed
 

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics.beam import influence
+from beamtouch_models.design.physics.structure import influence
 from beamtouch_models.design.world import SensorErrors
 from beamtouch_models.lab.challenge.play import Case, DrawnContacts, Make, Play, SimulatedSurface
 
@@ -112,10 +112,10 @@ def two_at_the_quarters(at: DrawnContacts) -> Play:
 def distributed(at: DrawnContacts, *, part: float) -> Play:
     """Return loads that press evenly on a part of the beam."""
     world, (low, high) = at.surface.world, at.surface.metadata.ranges.position_mm
-    width_mm = part * world.beam.length_mm
+    width_mm = part * world.structure.length_mm
     margin_mm = min(width_mm, high - low) / 2
     middle = at.rng.uniform(low + margin_mm, high - margin_mm, at.draws)
-    clean = influence(world.beam, world.sensor_mm, middle, width_mm) * at.force_n[:, None]
+    clean = influence(world.structure, world.sensor_mm, middle, width_mm) * at.force_n[:, None]
     return _fault(at, f"load spread over {100 * part:g} % of the beam", clean)
 
 
@@ -132,6 +132,8 @@ def error_cases(surface: SimulatedSurface) -> list[Case]:
     noise_mm = surface.metadata.noise.reading_mm
     cases = [Case(percent / 100 <= gain + 1e-9, partial(gains_off, percent=percent)) for percent in GAINS_PERCENT]
     cases += [Case(noises * noise_mm <= zero_mm + 1e-9, partial(zeros_off, noises=noises)) for noises in ZEROS]
+    if not surface.scene.has_beam:  # what the sensors show was measured where they stand
+        return cases
     return [*cases, Case(surface.scene.sensors.mounting_tolerance_mm >= OFF_MM, places_off)]
 
 
@@ -157,7 +159,7 @@ def _normal(at: DrawnContacts) -> Floats:
 def places_off(at: DrawnContacts) -> Play:
     """Return contacts on sensors that are mounted beside their positions."""
     world, width_mm = at.surface.world, at.surface.scene.contact.width_mm
-    sensors_mm = np.clip(world.sensor_mm + OFF_MM * _normal(at), 0.0, world.beam.length_mm)
+    sensors_mm = np.clip(world.sensor_mm + OFF_MM * _normal(at), 0.0, world.structure.length_mm)
     contacts = zip(sensors_mm, at.position_mm, at.force_n, strict=True)
-    clean = np.array([force * influence(world.beam, own, place, width_mm)[0] for own, place, force in contacts])
+    clean = np.array([force * influence(world.structure, own, place, width_mm)[0] for own, place, force in contacts])
     return at.settle(f"positions {OFF_MM:g} mm off", clean, fault=at.perfect)

@@ -53,7 +53,8 @@ def rings(
     """
     world, (readings, seconds) = at.surface.world, _since(at, least)
     if damping_ratio is not None:
-        world = replace(world, beam=world.beam.model_copy(update={"damping_ratio": damping_ratio}))
+        damped = at.surface.scene.beam.model_copy(update={"damping_ratio": damping_ratio})
+        world = replace(world, structure=damped)
     if jitter_s:
         seconds = seconds + at.rng.normal(scale=jitter_s, size=seconds.shape)
     grown = np.clip(seconds / lasting_s, 0.0, 1.0) if lasting_s else (seconds >= 0).astype(np.float64)

@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     require_writable([options.truth], inputs)
     scene, _ = load_scene(options.scene)
     model, module = loading.load(options.model), _module_of(options)
-    length_mm, names = scene.beam.length_mm, [channel.name for channel in model.metadata.layout]
+    length_mm, names = scene.length_mm, [channel.name for channel in model.metadata.layout]
     # The rig passes replies on itself, and can delay them or leave them out, but for a board and a real port.
     on_a_port = options.modbus_rtu is not None and options.modbus_rtu.is_char_device()
     faults = Faults(names, options.fault, options.seed, own_line=options.firmware is None and not on_a_port)

@@ -12,8 +12,8 @@ from pydantic import Field
 
 from beamtouch_common.files import load_toml
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics.beam import influence_of
 from beamtouch_models.design.physics.influence_function import travel_of
+from beamtouch_models.design.physics.structure import influence_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.tables import Finite, Fixity, PositiveFinite, Strict
@@ -91,9 +91,11 @@ class VirtualSurface:
         rings: bool = True,
     ) -> None:
         self.sensor, self.channels = model.sensor, len(model.layout)
-        departures, length_mm = imperfections.departures(self.channels), scene.beam.length_mm
+        departures, length_mm = imperfections.departures(self.channels), scene.length_mm
         if not all(0 <= mm <= length_mm for mm in model.layout_mm + np.array(departures.position_offset_mm)):
             raise SceneError("position_offset_mm moves a sensor off the beam")
+        if scene.measured is not None and any(departures.position_offset_mm):
+            raise SceneError("position_offset_mm is for a beam; the sensors of a measured structure stay; leave it out")
         if imperfections.damping_ratio is not None:
             damped = scene.beam.model_copy(update={"damping_ratio": imperfections.damping_ratio})
             scene = scene.model_copy(update={"stated_beam": damped})

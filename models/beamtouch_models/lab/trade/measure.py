@@ -108,11 +108,13 @@ class AnswerAtTime:
 
 def numbers_of_sensors(scene: Scene) -> list[int]:
     """Return the numbers of sensors to measure: the scene's range, or numbers around the one that it states."""
-    count, most = scene.sensors.count_range
-    fewest = scene.sensors.fewest
+    count, most = scene.count_range
+    fewest = scene.fewest
     if count == most:
         around = max(MIN_SENSORS + 1, count - AROUND, len(scene.sensors.fixed_mm))
         fewest, most = min(count, around), count + 1
+        if scene.measured is not None:
+            most = min(most, len(scene.measured.loads.names))
     return list(range(fewest, most + 1))
 
 

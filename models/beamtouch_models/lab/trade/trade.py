@@ -205,7 +205,7 @@ def trade(
 
 def _own_of(scene: Scene, models: Sequence[MeasuredModel]) -> MeasuredModel:
     """Return the model that `build` makes, of models with different numbers of sensors."""
-    count, most = scene.sensors.count_range
+    count, most = scene.count_range
     if count == most:
         return next((model for model in models if model.sensors == count), models[-1])
     wanted_mm = scene.requirements.position_error_mm

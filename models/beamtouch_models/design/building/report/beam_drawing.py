@@ -45,8 +45,10 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
     -------
     The drawing as an `<svg>` element, without a background, and its caption.
     """
-    px = Scale(scene.beam)
     places = ", ".join(f"{channel.name} at {channel.position_mm:g} mm" for channel in metadata.layout)
+    if not scene.has_beam:
+        return _measured_drawing(scene, metadata, places)
+    px = Scale(scene.beam.length_mm, _thicknesses_mm(scene.beam))
     says = f"The beam, {scene.beam.length_mm:g} mm long, to scale. {_supports_in_words(scene.beam)}. Sensors: {places}."
     bent, bent_in_words = _bend(scene, metadata, px)
     parts = [
@@ -67,13 +69,23 @@ def beam_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
     return "\n".join(parts), ". ".join(f"{sentence[0].upper()}{sentence[1:]}" for sentence in told)
 
 
+def _measured_drawing(scene: Scene, metadata: Metadata, places: str) -> tuple[str, str]:
+    """Draw a measured structure as a line; how it is held and what it looks like is not known."""
+    px = Scale(scene.length_mm, [None])
+    says = f"The structure, {scene.length_mm:g} mm long, as a line. Sensors: {places}."
+    line = rect(fill("muted", "beam"), px.x(0.0), BEAM_Y - THINNEST_PX, scene.length_mm * px.factor, THINNEST_PX)
+    drawn = [*_sensors(scene, metadata, px), line, *_contact(scene, px), *_scale(px)]
+    caption = "The structure as a line: its shape and supports are not known, as its influence was measured"
+    return "\n".join([opening("drawing", WIDTH, HEIGHT, says), *drawn, "</svg>"]), caption
+
+
 class Scale:
     """From mm to px, the same along and across the beam; a thin beam is drawn thicker."""
 
-    def __init__(self, beam: Beam) -> None:
-        self.length_mm = beam.length_mm
-        self.factor = (WIDTH - 2 * MARGIN) / beam.length_mm
-        self.thickness_mm = _thicknesses_mm(beam)
+    def __init__(self, length_mm: float, thickness_mm: list[float | None]) -> None:
+        self.length_mm = length_mm
+        self.factor = (WIDTH - 2 * MARGIN) / length_mm
+        self.thickness_mm = thickness_mm
         known = [mm for mm in self.thickness_mm if mm]
         self.thicker = 1.0
         """Factor by which the beam is drawn thicker."""

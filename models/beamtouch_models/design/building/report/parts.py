@@ -73,7 +73,7 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
     scene, sensor = surface.scene, metadata.sensor
     moved_mm = metadata.ranges.force_n[1] * np.array(metadata.influence.mm_per_n)
     return [
-        *_of_beam(scene),
+        *(_of_beam(scene) if scene.has_beam else _of_measured(scene)),
         Part(
             "sensors",
             f"{len(metadata.layout)}, all alike",
@@ -128,6 +128,13 @@ def _of_beam(scene: Scene) -> Iterator[Part]:
         damping = f"{digits(100 * damping_of(beam), 2)} %"
         source = _source(stated=beam.damping_ratio is not None)
         yield Part("damping", damping, "of critical; with less, it rings longer", source)
+
+
+def _of_measured(scene: Scene) -> Iterator[Part]:
+    if scene.measured is not None:
+        loads = scene.measured.loads
+        told = f"its influence was measured with {len(loads.force_n)} loads at {len(loads.names)} sensors"
+        yield Part("structure", f"{scene.length_mm:g} mm long", told, "stated")
 
 
 def _of_errors(scene: Scene, readings: ReadingErrors) -> Iterator[Part]:

@@ -1,0 +1,183 @@
+"""A measured structure: the influence that is fitted to its table, and how well that is known."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+from beamtouch_common.digits import digits
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.design.physics.influence_function import InfluenceFunction, Interpolation, even_loads_mm
+from beamtouch_models.design.physics.smooth_fit import SmoothFit
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene.measured_loads import parse_loads
+from beamtouch_models.errors import SceneError
+from beamtouch_models.numbers import places_in
+from beamtouch_models.places import positions_of
+
+PLACES = 201
+"""Places along the structure at which the fit is evaluated; it is interpolated between them."""
+COARSE = 0.1
+"""Largest part of the influence that may be unknown anywhere in the range of contacts. A sensor that is known no better
+tells places hardly better than whether something touches."""
+MORE = 40
+"""Largest number of further loads that a message asks for."""
+SURELY = 8.0
+"""Deviations from what the others say by which a load contradicts them."""
+ENOUGH = 8
+"""Loads with which one that contradicts the others can be told."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredStructure:
+    """A structure whose influence was measured at some sensors; positions are in mm from its left end."""
+
+    length_mm: float
+    names: tuple[str, ...]
+    sensor_mm: Floats
+    """(sensors,), ascending."""
+    mean: CubicSpline
+    """From positions of loads (...) to the influence (..., sensors) in mm/N."""
+    at_mm: Floats
+    """(places,) at which the deviation is known."""
+    between: Floats
+    """(places, sensors) standard deviation of the influence that the fit leaves, in mm/N."""
+    repeatability: Floats
+    """(sensors,) standard deviation by which the influence differs when a load is put on anew, in mm/N."""
+    spacing_mm: float
+    """Largest distance of neighbouring loads."""
+    scale: float = 1.0
+    """Factor on the influence."""
+    held_mm: tuple[float, ...] = ()
+    """Its supports are not known."""
+
+    def scaled(self, factor: float) -> "MeasuredStructure":
+        """Return a structure that yields `factor` times as much."""
+        return replace(self, scale=self.scale * factor)
+
+    def influence(self, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
+        """Return the influence (loads, sensors) in mm/N; each sensor is the nearest one that was measured."""
+        sensor, load = (places_in(mm, "sensor_mm", self.length_mm) for mm in (sensor_mm, load_mm))
+        matrix: Floats = self.scale * self.mean(load)[:, self.nearest(sensor)]
+        return matrix
+
+    def deviation(self, sensor_mm: Floats, load_mm: Floats) -> Floats:
+        """Return the standard deviation (loads, sensors) that the fit leaves; places (..., 1) in mm."""
+        columns, load = self.nearest(positions_of(sensor_mm)), positions_of(load_mm)
+        return self.scale * np.stack([np.interp(load, self.at_mm, self.between[:, one]) for one in columns], axis=1)
+
+    def scatter(self, sensor_mm: Floats, load_mm: Floats) -> Floats:
+        """Return the standard deviation (loads, sensors) by which loads repeat; places (..., 1) in mm."""
+        scatter = self.scale * self.repeatability[self.nearest(positions_of(sensor_mm))]
+        return np.tile(scatter, (len(load_mm), 1))
+
+    def variance(self, sensor_mm: Floats, load_mm: Floats) -> Floats:
+        """Return the variance (loads, sensors) of the influence, of both; places (..., 1) in mm."""
+        variance: Floats = self.deviation(sensor_mm, load_mm) ** 2 + self.scatter(sensor_mm, load_mm) ** 2
+        return variance
+
+    def nearest(self, sensor_mm: Floats) -> Indices:
+        """Return the sensors (positions,) that stand nearest to positions."""
+        nearest: Indices = np.abs(np.reshape(sensor_mm, (-1, 1)) - self.sensor_mm).argmin(axis=1)
+        return nearest
+
+
+def measured_structure_of(scene: Scene) -> MeasuredStructure:
+    """Return the measured structure of a scene.
+
+    Raises
+    ------
+    SceneError
+        The loads are too far apart for the scene's contacts, contradict each other, or tell nothing.
+    """
+    measured = scene.measured
+    if measured is None:
+        raise SceneError("measured is missing; add it")
+    places = tuple(measured.places_mm.items())
+    return _structure(measured.influence, places, measured.end_mm, scene.contact.position_mm)
+
+
+@lru_cache(maxsize=8)
+def _structure(
+    text: str, sensors_mm: tuple[tuple[str, float], ...], length_mm: float, contacts_mm: tuple[float, float]
+) -> MeasuredStructure:
+    loads = parse_loads(text, "the table")
+    in_order = sorted(sensors_mm, key=lambda sensor: sensor[1])
+    names = tuple(name for name, _ in in_order)
+    values = loads.influence_mm_per_n[:, [loads.names.index(name) for name in names]]
+    fit = SmoothFit.of(loads.position_mm, values, loads.force_n)
+    at_mm = np.linspace(0.0, length_mm, PLACES)
+    mean, between = fit.at(at_mm)
+    is_contact = (at_mm >= contacts_mm[0]) & (at_mm <= contacts_mm[1])
+    largest = np.sqrt(np.mean(mean[is_contact] ** 2, axis=0))
+    if message := _contradiction(fit, values, loads.force_n, largest, names):
+        raise SceneError(f"measured.influence: {message}")
+    share = np.sqrt(np.mean((between / largest) ** 2, axis=1)) * is_contact
+    if share.max() > COARSE:
+        raise SceneError(f"measured.influence: {_too_sparse(fit, at_mm, is_contact, largest, share)}")
+    if message := _scattered(fit, largest, names):
+        raise SceneError(f"measured.influence: {message}")
+    spacing_mm = float(np.diff(np.unique(loads.position_mm)).max())
+    places_mm = np.array([place for _, place in in_order])
+    return MeasuredStructure(
+        length_mm, names, places_mm, CubicSpline(at_mm, mean), at_mm, between, fit.repeatability, spacing_mm
+    )
+
+
+def _contradiction(fit: SmoothFit, values: Floats, force_n: Floats, largest: Floats, names: tuple[str, ...]) -> str:
+    """Say which load contradicts the others; empty if none does."""
+    if len(values) < ENOUGH:
+        return ""
+    suspect = int(np.abs(fit.left_out).max(axis=1).argmax())
+    others = np.delete(np.arange(len(values)), suspect)
+    without = SmoothFit.of(fit.place_mm[others], values[others], force_n[others])
+    mean, deviation = (rows[0] for rows in without.at(fit.place_mm[[suspect]]))
+    off = np.abs(values[suspect] - mean)
+    worst = int((off / np.hypot(deviation, without.repeatability)).argmax())
+    if off[worst] <= max(SURELY * np.hypot(deviation, without.repeatability)[worst], COARSE * largest[worst]):
+        return ""
+    load = f"the load at {fit.place_mm[suspect]:g} mm with {force_n[suspect]:g} N"
+    both = values[suspect, worst], mean[worst]
+    shown, said = (digits(float(per_newton * force_n[suspect]), 3) for per_newton in both)
+    return f"under {load}, {names[worst]} shows {shown} mm, but the others say {said}; measure it again, or take it out"
+
+
+def _scattered(fit: SmoothFit, largest: Floats, names: tuple[str, ...]) -> str:
+    """Say which sensor shows something else each time; empty if none does."""
+    scatter = fit.repeatability / largest
+    worst = int(scatter.argmax())
+    if scatter[worst] <= COARSE:
+        return ""
+    return (
+        f"{names[worst]} repeats to {digits(100 * scatter[worst], 2)} % of what it shows only, as if loads did not "
+        f"stand where the table says; measure again what differs, or take {names[worst]} out"
+    )
+
+
+def _too_sparse(fit: SmoothFit, at_mm: Floats, is_contact: Bools, largest: Floats, share: Floats) -> str:
+    """Say where the loads are too far apart, and how many more would do."""
+    worst, contacts, more = int(share.argmax()), at_mm[is_contact], np.empty(0)
+    unknown, there = share[worst], at_mm[worst]
+    while unknown > COARSE and len(more) < MORE:
+        more = np.append(more, there)
+        shares = np.sqrt(np.mean(fit.variance_with(more, contacts) / largest**2, axis=1))
+        unknown, there = shares.max(), contacts[shares.argmax()]
+    would = f"{len(more)} loads more would do" if unknown <= COARSE else f"more than {MORE} loads more are needed"
+    told = ", ".join(f"{place:g}" for place in sorted(more[:3].round().tolist()))
+    percent = digits(100 * share[worst], 2)
+    return (
+        f"the loads are too far apart for contact.position_mm: at {at_mm[worst]:g} mm, {percent} % of the influence is "
+        f"unknown, and more than {100 * COARSE:g} % is not trusted; {would}, first at {told} mm, or narrow "
+        "contact.position_mm"
+    )
+
+
+def measured_influence_of(scene: Scene) -> InfluenceFunction:
+    """Return the influence function of a scene's measured structure; SceneError as `measured_structure_of`."""
+    structure, contact = measured_structure_of(scene), scene.contact
+    loads_mm = even_loads_mm(contact.position_mm, structure.length_mm)
+    largest = float(np.abs(structure.influence(structure.sensor_mm, loads_mm)).max())
+    left = Interpolation(structure.deviation, structure.spacing_mm, repeats=structure.scatter)
+    return InfluenceFunction(structure.length_mm, loads_mm, contact.force_range_n, structure.influence, largest, left)

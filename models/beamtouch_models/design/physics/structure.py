@@ -1,0 +1,59 @@
+"""The structure of a scene, a beam or a measured one: its influence, and how it changes with departures."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.design.physics import beam
+from beamtouch_models.design.physics.influence_function import InfluenceFunction
+from beamtouch_models.design.physics.measured_structure import (
+    MeasuredStructure,
+    measured_influence_of,
+    measured_structure_of,
+)
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene.beam import Beam, changed_beam
+from beamtouch_models.errors import SceneError
+
+Structure = Beam | MeasuredStructure
+PARTS = 33
+"""Points that stand for a load spread over a part of a measured structure."""
+
+
+def structure_of(scene: Scene) -> Structure:
+    """Return the structure of a scene; SceneError if it states none."""
+    return scene.beam if scene.measured is None else measured_structure_of(scene)
+
+
+def influence_of(scene: Scene) -> InfluenceFunction:
+    """Return the influence function of the structure of a scene; SceneError if it states none."""
+    return beam.influence_of(scene) if scene.measured is None else measured_influence_of(scene)
+
+
+def influence(structure: Structure, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Floats:
+    """Return the deflection (loads, sensors) in mm/N; arguments as `physics.beam.influence`.
+
+    A measured structure was loaded over the width of its loads. What is spread further is the mean of such loads.
+    """
+    if isinstance(structure, Beam):
+        return beam.influence(structure, sensor_mm, load_mm, width_mm)
+    if not width_mm:
+        return structure.influence(sensor_mm, load_mm)
+    spread = np.clip(np.asarray(load_mm) + width_mm * np.linspace(-0.5, 0.5, PARTS)[:, None], 0.0, structure.length_mm)
+    mean: Floats = np.mean([structure.influence(sensor_mm, loads) for loads in spread], axis=0)
+    return mean
+
+
+def changed(structure: Structure, rigidity: float, fixity: tuple[float, float]) -> Structure:
+    """Return a structure with `rigidity` times its rigidity and with the `fixity` of its first and last support.
+
+    Raises
+    ------
+    SceneError
+        A support that gets a fixity is missing or already fixed, or the rigidity cannot be computed with.
+    """
+    if isinstance(structure, Beam):
+        return changed_beam(structure, rigidity, fixity)
+    if any(fixity):
+        raise SceneError("fixity: the supports of a measured structure are not known; give 0 for both")
+    return structure.scaled(1 / rigidity)

@@ -1,0 +1,212 @@
+"""Structures whose influence was measured: models of what no scene describes, and tables that are refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamtouch_models import change_scene, influence_matrix, load_model, make_scene, resolve
+from beamtouch_models.errors import InputError
+from support.programs.in_process import Command, Refusal
+from support.surfaces.tapered_leaf import (
+    SENSORS_MM,
+    STATED,
+    influence,
+    loads_csv,
+    scene_of,
+    true_influence,
+    write_scene,
+)
+
+EFFORT, DRAWS = 0.05, 4000
+
+
+@pytest.mark.parametrize(("loads", "worst"), [(12, 1.5), (25, 1.25), (50, 1.2)])
+def test_a_model_of_measured_loads_is_nearly_as_good_as_one_that_knew_the_structure(loads: int, worst: float) -> None:
+    model = resolve(scene_of(influence=loads_csv(loads))).place().build("leaf", effort=EFFORT)
+    of_truth = resolve(STATED, influence=true_influence()).layout(list(SENSORS_MM.values())).limit(draws=DRAWS)
+    found = model.evaluate(influence=true_influence(), draws=DRAWS)
+    assert of_truth.value < found.span.mean_mm.value < worst * of_truth.value, (found, of_truth)
+    assert found.position_coverage is not None
+    assert found.position_coverage.value > 0.93
+
+
+def test_the_beam_of_a_scene_is_found_in_twenty_loads() -> None:
+    beam = make_scene(
+        beam={"length_mm": 400, "material": "steel", "width_mm": 25, "thickness_mm": 3},
+        contact={"force_n": [2, 20], "position_mm": [10, 390]},
+        sensors={"noise_mm": 0.002, "rate_hz": 100, "count": 3},
+    )
+    candidates_mm, place_mm = np.arange(20.0, 390.0, 20.0), np.linspace(10, 390, 20)
+    rng = np.random.default_rng(1)
+    table = influence_matrix(beam, candidates_mm, place_mm)
+    table *= 1 + 0.001 * rng.normal(size=table.shape)
+    names = [f"s{place:g}" for place in candidates_mm]
+    head = ",".join(["position_mm", *(f"{name}_mm_per_n" for name in names)])
+    rows = [",".join(map(str, row)) for row in np.column_stack([place_mm, table]).tolist()]
+    measured = change_scene(
+        beam,
+        beam=None,
+        measured={
+            "influence": "\n".join([head, *rows]),
+            "length_mm": 400,
+            "sensors_mm": dict(zip(names, candidates_mm.tolist(), strict=True)),
+        },
+    )
+    by_table, by_theory = (resolve(scene).place(3, effort=EFFORT) for scene in (measured, beam))
+    assert np.abs(by_table.positions_mm - by_theory.positions_mm).max() <= 30
+    there = by_table.positions_mm
+    limit = resolve(beam).layout(there).limit(draws=DRAWS).value
+    found = by_table.build("strip", effort=EFFORT).evaluate(influence=resolve(beam).influence, draws=DRAWS)
+    assert limit < found.span.mean_mm.value < 1.1 * limit
+    assert found.position_coverage is not None
+    assert found.position_coverage.value > 0.93
+
+
+@pytest.mark.promise("docs/reference/scene.md", "the model file holds the table")
+def test_a_model_holds_its_table(tmp_path: Path, design_sensors_roughly: Command) -> None:
+    scene = write_scene(tmp_path, loads_csv(20))
+    built = design_sensors_roughly("build", scene, "-o", tmp_path / "leaf.onnx")
+    assert built.returncode == 0, built.stderr
+    for path in (scene, tmp_path / "leaf.csv"):
+        path.unlink()
+    again = design_sensors_roughly("build", tmp_path / "leaf.onnx", "-o", tmp_path / "again.onnx")
+    assert again.returncode == 0, again.stderr
+    first, second = (load_model(tmp_path / name) for name in ("leaf.onnx", "again.onnx"))
+    assert [channel.name for channel in first.metadata.layout] == list(SENSORS_MM)
+    assert first.identity == second.identity
+    deflection_mm = 10 * influence(first.metadata.layout_mm, np.array([180.0]))
+    assert abs(first.estimate(deflection_mm)["position_mm"][0] - 180) < 3
+
+
+def test_gains_of_a_measured_structure_are_calibrated(tmp_path: Path, design_sensors_roughly: Command) -> None:
+    scene, sensors_mm = write_scene(tmp_path, loads_csv(25)), np.array(list(SENSORS_MM.values()))
+    assert design_sensors_roughly("build", scene, "-o", tmp_path / "leaf.onnx").returncode == 0
+    rng, gain = np.random.default_rng(3), np.array([1.05, 0.97, 1.0, 1.0])
+    rows = ["load,position_mm,force_n," + ",".join(f"{name}_deflection_mm" for name in SENSORS_MM)]
+    for load, place in enumerate(np.linspace(30, 270, 9), start=1):
+        shown = gain * 10 * influence(sensors_mm, np.array([place]))[0]
+        rows += [
+            f"{load},{place:g},10," + ",".join(f"{mm:.5f}" for mm in shown + 0.004 * rng.normal(size=4))
+            for _ in range(6)
+        ]
+    (tmp_path / "loads.csv").write_text("\n".join(rows))
+    done = design_sensors_roughly(
+        "calibrate", tmp_path / "leaf.onnx", tmp_path / "loads.csv", "-o", tmp_path / "calibrated.onnx"
+    )
+    assert done.returncode == 0, done.stderr
+    before, after = (load_model(tmp_path / name).metadata for name in ("leaf.onnx", "calibrated.onnx"))
+    assert after.beam == before.beam
+    assert np.abs(np.array(after.departures.gain) / after.departures.rigidity - gain).max() < 0.015
+    assert after.departures.position_offset_mm == [0.0] * 4
+
+
+GOOD = loads_csv(16, repeats=0.0)
+HEAD, *ROWS = GOOD.splitlines()
+
+
+def table_of(*rows: str, head: str = HEAD) -> str:
+    return "\n".join([head, *rows]) + "\n"
+
+
+def with_place(row: str, place_mm: float) -> str:
+    return ",".join([f"{place_mm:g}", *row.split(",")[1:]])
+
+
+BAD = {
+    "sparse": (table_of(*ROWS[::4]), "loads more would do"),
+    "one-sided": (table_of(*ROWS[:8]), "the loads are too far apart for contact.position_mm: at 2"),
+    "one load": (table_of(ROWS[0]), "1 loads are fewer than 4"),
+    "no loads": (table_of(), "it has no loads, only the names of columns"),
+    "one place": (table_of(*(with_place(row, 150) for row in ROWS)), "all loads are at 1 of at least 3 places"),
+    "contradiction": (
+        table_of(*ROWS[:5], ",".join([*ROWS[5].split(",")[:2], *ROWS[12].split(",")[2:]]), *ROWS[6:]),
+        "but the others say",
+    ),
+    "negative force": (
+        table_of(
+            *ROWS[:3], ROWS[3].replace(",5,", ",-5,").replace(",10,", ",-10,").replace(",20,", ",-20,"), *ROWS[4:]
+        ),
+        "pulls; state forces that press as positive",
+    ),
+    "no force": (
+        table_of(f"{ROWS[0].split(',')[0]},0,0,0,0,0", *ROWS),
+        "line 2: force_n = 0 is no load; take the row out",
+    ),
+    "before the left end": (table_of(with_place(ROWS[0], -15), *ROWS[1:]), "count places from the left end"),
+    "nan": (
+        table_of(*ROWS[:3], "90,10,nan,0.1,0.1,0.1", *ROWS[3:]),
+        "line 5: left_deflection_mm is nan, which nobody measures",
+    ),
+    "huge": (
+        table_of(*ROWS[:3], "90,10,1e30,0.1,0.1,0.1", *ROWS[3:]),
+        "line 5: left_deflection_mm is 1e+30, which nobody measures",
+    ),
+    "text": (table_of(*ROWS[:3], "90 mm,10,0.1,0.1,0.1,0.1", *ROWS[3:]), "states '90 mm', which is not a number"),
+    "dead sensor": (table_of(*(",".join([*row.split(",")[:-1], "0"]) for row in ROWS)), "right is 0 under all loads"),
+    "unknown column": (
+        table_of(*ROWS, head=HEAD.replace("right_deflection_mm", "right_um")),
+        "column 'right_um' is not known",
+    ),
+    "no place": (table_of(*ROWS, head=HEAD.replace("position_mm", "place")), "column position_mm is missing"),
+    "no sensor": (table_of("15,10", head="position_mm,force_n"), "it has no column of a sensor"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_table_is_refused_in_one_line_that_says_what_to_do(name: str, tmp_path: Path, refused: Refusal) -> None:
+    table, wanted = BAD[name]
+    scene = write_scene(tmp_path, GOOD)
+    (tmp_path / "leaf.csv").write_text(table)
+    line = refused("build", scene, "-o", tmp_path / "leaf.onnx")
+    assert wanted in line
+    assert not (tmp_path / "leaf.onnx").exists()
+
+
+def test_a_table_that_is_missing_is_refused(tmp_path: Path, refused: Refusal) -> None:
+    scene = write_scene(tmp_path, GOOD)
+    (tmp_path / "leaf.csv").unlink()
+    assert "leaf.csv: No such file or directory; give the path of a CSV file, relative to the scene" in refused(
+        "explain", scene
+    )
+
+
+@pytest.mark.parametrize(
+    ("tables", "wanted"),
+    [
+        ({"sensors": {"count": 5}}, "sensors.count = 5, but the table has 4 sensors"),
+        ({"sensors": {"fixed_mm": [100]}}, "sensors.fixed_mm has 100 mm, where the table has no sensor"),
+        ({"sensors": {"mounting_tolerance_mm": 1}}, "sensors stand where they were measured"),
+        ({"contact": {"width_mm": 5}}, "contact.width_mm is for a beam"),
+        ({"contact": {"position_mm": [15, 400]}}, "reaches beyond the structure, 0..300 mm"),
+        ({"measured": {"sensors_mm": {"left": 45}}}, "sensors_mm lacks inner"),
+        ({"measured": {"length_mm": 200}}, "is beyond it"),
+        ({"beam": {"length_mm": 300, "flexural_rigidity_n_mm2": 1e6}}, "state either beam or measured, not both"),
+    ],
+)
+def test_what_contradicts_a_table_is_refused(tables: dict[str, dict[str, object]], wanted: str) -> None:
+    scene = scene_of(influence=GOOD)
+    if "sensors_mm" in tables.get("measured", {}):
+        scene = change_scene(scene, measured={"sensors_mm": None})
+    with pytest.raises(InputError, match=wanted):
+        change_scene(scene, **tables)
+
+
+def test_sensors_whose_places_are_not_stated_stand_where_they_show_most() -> None:
+    scene = change_scene(scene_of(influence=loads_csv(28)), measured={"sensors_mm": None})
+    assert scene.measured is not None
+    for name, place_mm in scene.measured.places_mm.items():
+        along_mm = np.linspace(15, 285, 271)
+        most_mm = along_mm[influence(np.array([SENSORS_MM[name]]), along_mm)[:, 0].argmax()]
+        assert abs(place_mm - most_mm) <= 15, name
+
+
+def test_a_table_of_influence_tells_the_same_as_its_loads() -> None:
+    place_mm = np.linspace(15, 285, 20)
+    rows = np.column_stack([place_mm, influence(np.array(list(SENSORS_MM.values())), place_mm)])
+    head = ",".join(["position_mm", *(f"{name}_mm_per_n" for name in SENSORS_MM)])
+    table = "\n".join([head, *(",".join(map(str, row)) for row in rows.tolist())])
+    between = np.linspace(20, 280, 14)
+    surface = resolve(scene_of(influence=table))
+    told = surface.influence.at(np.array(list(SENSORS_MM.values()))[:, None], between[:, None])
+    assert np.allclose(told, influence(np.array(list(SENSORS_MM.values())), between), rtol=0.01)
