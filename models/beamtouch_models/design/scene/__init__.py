@@ -243,8 +243,9 @@ def identity_of(scene: Scene, sensors_mm: Mapping[str, float]) -> str:
     return identity_of_beam(scene.beam, sensors_mm)
 
 
-def _without_none(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    return {name: {key: value for key, value in table.items() if value is not None} for name, table in tables.items()}
+def _without_none(tables: Mapping[str, Mapping[str, Any] | None]) -> dict[str, dict[str, Any]]:
+    stated = ((name, table) for name, table in tables.items() if table is not None)
+    return {name: {key: value for key, value in table.items() if value is not None} for name, table in stated}
 
 
 def _toml(value: object) -> str:
