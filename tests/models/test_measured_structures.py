@@ -1,11 +1,13 @@
 """Structures whose influence was measured: models of what no scene describes, and tables that are refused."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from beamtouch_models import change_scene, influence_matrix, load_model, make_scene, resolve
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import InputError
 from support.programs.in_process import Command, Refusal
 from support.surfaces.tapered_leaf import (
@@ -210,3 +212,71 @@ def test_a_table_of_influence_tells_the_same_as_its_loads() -> None:
     surface = resolve(scene_of(influence=table))
     told = surface.influence.at(np.array(list(SENSORS_MM.values()))[:, None], between[:, None])
     assert np.allclose(told, influence(np.array(list(SENSORS_MM.values())), between), rtol=0.01)
+
+
+def recorded_loads(places_mm: Floats, forces_n: list[float], shown: Callable[[Floats], Floats]) -> str:
+    """Return loads with eight samples each, as `beamtouch-daemon record` writes them; `shown` is what sensors do."""
+    rng, sensors_mm = np.random.default_rng(2), np.array(list(SENSORS_MM.values()))
+    columns = [f"{name}_{column}" for name in SENSORS_MM for column in ("counts", "deflection_mm", "quality")]
+    rows, load = [",".join(["unix_time_s", "load", "position_mm", "force_n", *columns])], 0
+    for place in places_mm.tolist():
+        for force in forces_n:
+            load += 1
+            mm = shown(force * influence(sensors_mm, np.array([place]))[0])
+            for sample in range(8):
+                cells = [f"2000,{value:.6f},good" for value in mm + 0.004 * rng.normal(size=len(mm))]
+                rows.append(
+                    ",".join([f"{60 * load + sample / 100:.2f}", str(load), f"{place:g}", f"{force:g}", *cells])
+                )
+    return "\n".join(rows) + "\n"
+
+
+def as_they_are(deflection_mm: Floats) -> Floats:
+    return deflection_mm
+
+
+@pytest.mark.promise("docs/how-to/measured.md", "without a scene: what the loads tell is taken from them")
+def test_loads_alone_make_a_model(tmp_path: Path, design_sensors_roughly: Command) -> None:
+    (tmp_path / "leaf.csv").write_text(recorded_loads(np.linspace(15, 285, 24), [10.0], as_they_are))
+    done = design_sensors_roughly("build", "--loads", tmp_path / "leaf.csv", "-o", tmp_path / "leaf.onnx")
+    assert done.returncode == 0, done.stderr
+    assert "contacts at 15 to 285 mm with 2 to 10 N" in " ".join(done.stderr.split())
+    assert "interpolation between the loads of the table costs" in " ".join(done.stderr.split())
+    model = load_model(tmp_path / "leaf.onnx")
+    assert 0.003 < model.metadata.noise.reading_mm < 0.005
+    assert model.metadata.sensor.rate_hz == pytest.approx(100, rel=0.01)
+    by_name = dict(zip(model.channels, model.metadata.layout_mm, strict=True))
+    assert set(by_name) == set(SENSORS_MM)
+    deflection_mm = 8 * influence(np.array([SENSORS_MM[name] for name in by_name]), np.array([100.0]))
+    assert abs(model.estimate(deflection_mm)["position_mm"][0] - 100) < 4
+
+
+def test_loads_without_repeated_samples_do_not_tell_their_noise(tmp_path: Path, refused: Refusal) -> None:
+    (tmp_path / "leaf.csv").write_text(GOOD)
+    line = refused("build", "--loads", tmp_path / "leaf.csv", "-o", tmp_path / "leaf.onnx")
+    assert "no load has 5 samples that differ, which tell the noise" in line
+
+
+def optical(deflection_mm: Floats) -> Floats:
+    """Return what a sensor shows whose light falls with the square of the gap, of 4 mm at rest."""
+    return (4.0 / (4.0 - deflection_mm)) ** 2 - 1
+
+
+@pytest.mark.promise("docs/how-to/measured.md", "a characteristic is fitted for each sensor from the same loads")
+def test_curved_sensors_are_straightened_by_their_own_loads() -> None:
+    table = recorded_loads(np.linspace(15, 285, 24), [3.0, 6.0, 12.0, 20.0], optical)
+    scene = change_scene(scene_of(influence=table, curved=True), sensors={"range_mm": [1, 19]})
+    model = resolve(scene).place().build("leaf", effort=EFFORT)
+    rng = np.random.default_rng(4)
+    place_mm, force_n = rng.uniform(20, 280, 300), rng.uniform(3, 20, 300)
+    straight_mm = force_n[:, None] * influence(model.metadata.layout_mm, place_mm)
+    shown = model.straighten(optical(straight_mm) + 0.004 / np.sqrt(5) * rng.normal(size=straight_mm.shape))
+    answers = model.estimate(shown.deflection_mm, noise_mm=shown.noise_mm / np.sqrt(5))
+    is_contact = answers["state"] == "contact"
+    assert is_contact.mean() > 0.95
+    held = (answers["position_low_mm"] <= place_mm) & (place_mm <= answers["position_high_mm"])
+    assert held[is_contact].mean() > 0.9
+    off_mm = np.abs(answers["position_mm"] - place_mm)[is_contact].mean()
+    assert off_mm < 1.0
+    with pytest.raises(InputError, match="as if loads did not stand where the table says"):
+        resolve(change_scene(scene, measured={"curved": False}))

@@ -118,7 +118,10 @@ def _add_draws(parser: argparse.ArgumentParser, what: str, default: int) -> None
 
 def build(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `build`."""
-    _share(parser, "scene")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("scene", type=Path, nargs="?", metavar="SCENE", help="scene file (TOML), or a model file")
+    words = "instead: loads recorded by `beamtouch-daemon record`, of a structure of which nothing else is known"
+    source.add_argument("--loads", type=Path, metavar="LOADS.csv", help=words)
     _add_output(parser, "model file to write (.onnx)")
     _share(parser, "--sensors", "--criterion", "--failed-percent")
     words = (

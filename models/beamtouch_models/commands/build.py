@@ -19,12 +19,14 @@ from beamtouch_models.design.building.mounted import Mounted, find_mounted
 from beamtouch_models.design.building.products import write_products
 from beamtouch_models.design.building.remarks import missed_requirement, remarks, short_tare, weak_spot
 from beamtouch_models.design.building.replaced import require_replaceable
+from beamtouch_models.design.building.scene_of_loads import assumed_of, scene_of_loads
 from beamtouch_models.design.building.stored import positions_in, scene_in, stored_in
+from beamtouch_models.design.building.table_cost import describe_table_cost
 from beamtouch_models.design.layout import Layout, keep_sensors, place_sensors
 from beamtouch_models.design.placement.placing import Aim
 from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.printing import Result, note
-from beamtouch_models.design.scene import Scene, load_scene, parse_scene
+from beamtouch_models.design.scene import Scene, format_scene, load_scene, parse_scene
 from beamtouch_models.design.surface import Surface, resolve
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.errors import ModelFileError, SceneError
@@ -52,11 +54,12 @@ def run(options: argparse.Namespace) -> Result:
     asked = _read(options)
     config: Path | None = options.daemon_config
     # A rebuilt model may replace the old one.
-    is_replaced = options.scene.suffix == ".onnx" and options.output.resolve() == options.scene.resolve()
-    require_writable((options.output, config, options.report), () if is_replaced else (options.scene,))
+    source: Path = options.loads or options.scene
+    is_replaced = source.suffix == ".onnx" and options.output.resolve() == source.resolve()
+    require_writable((options.output, config, options.report), () if is_replaced else (source,))
     if not options.force:
         require_replaceable(options.output, config, options.report)
-    note(*remarks(asked.scene), _kept(asked))
+    note(*remarks(asked.scene), assumed_of(asked.scene) if options.loads else "", _kept(asked))
     with shown_progress() as progress:
         layout = _layout_of(asked, options, progress)
         built = build_model(
@@ -69,16 +72,21 @@ def run(options: argparse.Namespace) -> Result:
         )
         write_products(built, model=options.output, config=config, report=options.report, progress=progress)
     if config is not None:
-        files = options.scene, options.output, write_token_if_absent(config.parent), config
+        files = source, options.output, write_token_if_absent(config.parent), config
         read, model, token, told = (shlex.quote(str(path)) for path in files)
-        print(
-            f"try it:  beamtouch-rig {read} --model {model} --modbus-tcp 127.0.0.1:5020\n"
-            f"         beamtouch-service run --model {model} --write-token-file {token}\n"
-            f"         beamtouch-daemon run {told}",
-            file=sys.stderr,
-        )
+        lines = [
+            *([] if options.loads else [f"beamtouch-rig {read} --model {model} --modbus-tcp 127.0.0.1:5020"]),
+            f"beamtouch-service run --model {model} --write-token-file {token}",
+            f"beamtouch-daemon run {told}",
+        ]
+        print("try it:  " + "\n         ".join(lines), file=sys.stderr)
     surface, metadata = layout.surface, built.metadata
-    note(_assumed_errors(surface), missed_requirement(metadata, asked.scene), unseen(metadata))
+    note(
+        describe_table_cost(layout, options.seed),
+        _assumed_errors(surface),
+        missed_requirement(metadata, asked.scene),
+        unseen(metadata),
+    )
     moved = asked.mounted.moves_to(layout.placement.positions_mm) if asked.mounted else ""
     note(moved, weak_spot(metadata), short_tare(walk_of(metadata, surface.readings)), kind="warning")
     note(*_not_modelled(surface))
@@ -134,12 +142,12 @@ def _read(options: argparse.Namespace) -> _Asked:
     The sensors of a model file, and those of the files that this build replaces, are mounted already: they stay, unless
     the options or the scene ask for other places.
     """
-    path: Path = options.scene
+    path: Path = options.loads or options.scene
     aim = aim_of(options)
     placing = options.sensors, options.criterion, options.failed_percent
     asks_anew = options.move_sensors or placing != (None, None, None)
-    if path.suffix != ".onnx":
-        scene, text = load_scene(path)
+    if path.suffix != ".onnx" or options.loads:
+        scene, text = _scene_of_loads(path) if options.loads else load_scene(path)
         mounted = find_mounted(surface_name(path), options.output, options.daemon_config)
         stays = mounted is not None and not asks_anew and mounted.fits(scene)
         return _Asked(scene, text, surface_name(path), aim, mounted.positions_mm if mounted and stays else (), mounted)
@@ -154,6 +162,11 @@ def _read(options: argparse.Namespace) -> _Asked:
     if kept_mm:
         aim = replace(before, effort=aim.effort)
     return _Asked(parse_scene(text, f"the scene in {path}"), text, name, aim, kept_mm, None)
+
+
+def _scene_of_loads(path: Path) -> tuple[Scene, str]:
+    scene = scene_of_loads(path)
+    return scene, format_scene(scene)
 
 
 def _aim_before(stored: Mapping[str, Any]) -> Aim:

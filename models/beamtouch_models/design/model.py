@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibrated import prior_of_model
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, check_own
 from beamtouch_models.design.pricing.noise import check_scale
+from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.numbers import array_of, numbers, whole
@@ -80,6 +81,15 @@ def _with_interval(figures: dict[str, float], name: str, unit: str) -> str:
     return f"{value:.{decimals}f} {symbol} ({ends[0]:.{decimals}f} to {ends[1]:.{decimals}f})"
 
 
+class Straightened(NamedTuple):
+    """Straight deflections of curved sensors, and their noise."""
+
+    deflection_mm: Floats
+    """(samples, channels), NaN beyond the characteristic."""
+    noise_mm: Floats
+    """(samples, channels) standard deviations."""
+
+
 @dataclass(frozen=True, repr=False)
 class Model(ModelFile):
     """A model, as `Layout.build` and `load_model` return it.
@@ -111,7 +121,7 @@ class Model(ModelFile):
         """Write the model file, whole or not at all; OSError if that is impossible."""
         write_atomically(Path(path), self.content)
 
-    def estimate(self, deflection_mm: ArrayLike) -> Estimates:
+    def estimate(self, deflection_mm: ArrayLike, *, noise_mm: ArrayLike | None = None) -> Estimates:
         """Return the answers to settled samples, as the service gives them.
 
         A settled sample is the mean of so many readings as fit in the latency of the scene, of a beam at rest, with the
@@ -121,6 +131,8 @@ class Model(ModelFile):
         ----------
         deflection_mm : (samples, channels) in mm, as the sensors measure them, in the order of the layout; (channels,)
             for one sample. NaN: the channel is out, and the others answer without it.
+        noise_mm : standard deviations that broadcast to the samples, as the daemon states them; default: that of the
+            model
 
         Returns
         -------
@@ -150,10 +162,13 @@ class Model(ModelFile):
                 f"deflection_mm: {digits(most_mm, 3)} is more than {MAX_RATIO:g} times the largest deflection of the "
                 f"scene, {largest} mm; give it in mm"
             )
-        answers: dict[str, NDArray[Any]] = self.answer(samples)
+        noise = array_of(self.metadata.noise.sample_mm if noise_mm is None else noise_mm, "noise_mm")
+        if not (np.isfinite(noise) & (noise > 0)).all():
+            raise SceneError("noise_mm: give positive standard deviations in mm")
+        answers: dict[str, NDArray[Any]] = self.answer(samples, noise)
         if LOG_ODDS not in answers:
             return Estimates(answers, channels=channels)
-        variance_mm2 = np.full(samples.shape, self.metadata.noise.sample_mm**2)
+        variance_mm2 = np.broadcast_to(noise**2, samples.shape).copy()
         covariance_mm2 = variance_mm2[:, :, None] * np.eye(len(names))
         weighed = Weighed(np.where(valid, samples, 0.0), covariance_mm2, variance_mm2, valid)
         found = evidence(self.metadata, self.run, weighed)
@@ -162,6 +177,37 @@ class Model(ModelFile):
             if name in answers:
                 answers[name] = np.where(state == State.CONTACT, answers[name], np.nan)
         return Estimates(answers, state=state, channels=channels)
+
+    def straighten(self, shown_mm: ArrayLike) -> Straightened:
+        """Return the straight deflections of what curved sensors show, for `estimate`.
+
+        The daemon does so by the characteristics that `build` writes into its configuration.
+
+        Parameters
+        ----------
+        shown_mm : (samples, channels) in mm as in the table of the scene, in the order of the layout
+
+        Returns
+        -------
+        `deflection_mm` and `noise_mm`, (samples, channels) each. The noise is that of a reading of the scene, which a
+        steep characteristic enlarges. A channel that shows more than in the table is NaN.
+
+        Raises
+        ------
+        SceneError
+            The sensors of the model are not curved, or the samples do not have its channels.
+        """
+        surface = resolve_model(self.metadata)
+        curves = surface.characteristics_of(self.metadata.layout_mm)
+        if not curves:
+            raise SceneError("straighten: the sensors of this model are straight; give deflections to `estimate`")
+        shown = np.atleast_2d(array_of(shown_mm, "shown_mm"))
+        if shown.ndim != 2 or shown.shape[1] != len(self.channels):
+            raise SceneError(f"shown_mm: give {len(self.channels)} numbers for each sample (given: {shown.shape})")
+        straight = np.column_stack([one.straighten(column) for one, column in zip(curves, shown.T, strict=True)])
+        slope = np.column_stack([one.slope(column) for one, column in zip(curves, shown.T, strict=True)])
+        noise_mm = (surface.scene.sensors.noise_mm or 0.0) * slope
+        return Straightened(straight, np.where(np.isnan(straight), 1.0, noise_mm))
 
     def _require_channels(self, working: int, where: str) -> None:
         """Raise SceneError, which says `where`, if too few channels take part."""

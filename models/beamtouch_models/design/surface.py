@@ -22,7 +22,9 @@ from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.thresholds import rate_per_sample, readings_alike
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.physics.beam import check_small_angles, sensor_positions_mm
+from beamtouch_models.design.physics.characteristic_fit import Characteristic
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, Travel, check_own, travel_of
+from beamtouch_models.design.physics.measured_structure import measured_structure_of
 from beamtouch_models.design.physics.motion import slowest_period_ms
 from beamtouch_models.design.physics.structure import Structure, influence_of, structure_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
@@ -159,6 +161,14 @@ class Surface:
             return None
         return ringing_of(self.scene, self.readings.reading_mm, self.travel.largest_mm)
 
+    def characteristics_of(self, sensor_mm: Floats) -> tuple[Characteristic, ...]:
+        """Return the characteristics of curved sensors at positions (channels,); none of straight ones."""
+        measured = self.scene.measured
+        if measured is None or not measured.curved:
+            return ()
+        structure = measured_structure_of(self.scene)
+        return tuple(structure.characteristics[index] for index in structure.nearest(sensor_mm))
+
     def __repr__(self) -> str:
         """Return what the surface is: its length, its contacts, and the noise of a sample."""
         (low, high), (weak, strong) = self.influence.extent.range_mm, self.influence.force_n
@@ -279,7 +289,7 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
     require(scene, Scene, "scene", "what read_scene or make_scene returns")
     stated = _structure_of(scene, influence)
     travel = travel_of(stated)
-    readings, rules = ReadingErrors.of(scene, travel.largest_mm), rules_of(scene, stated.diagonal_mm)
+    readings, rules = readings_of(scene, travel.largest_mm), rules_of(scene, stated.diagonal_mm)
     chosen = chosen or choose_filter(scene, readings.reading_mm)
     effects: tuple[Effect, ...] = ()
     if readings.reading_mm > 0:
@@ -314,6 +324,14 @@ def _structure_of(scene: Scene, influence: InfluenceFunction | None) -> Influenc
                 f"take it away, with change_scene(scene, {name}=None)"
             )
     return influence
+
+
+def readings_of(scene: Scene, max_deflection_mm: float) -> ReadingErrors:
+    """Return the errors of a scene's readings; those of curved sensors are straightened as at rest."""
+    readings = ReadingErrors.of(scene, max_deflection_mm)
+    if scene.measured is None or not scene.measured.curved:
+        return readings
+    return readings.scaled(max(one.at_rest for one in measured_structure_of(scene).characteristics))
 
 
 def held_mm_of(scene: Scene) -> tuple[float, ...]:

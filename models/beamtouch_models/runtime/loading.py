@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
@@ -75,21 +75,22 @@ class ModelFile:
         """
         return self.graph.run(deflection_mm, whitening_per_mm)
 
-    def answer(self, deflection_mm: Floats, noise_mm: float | None = None) -> dict[str, Floats]:
+    def answer(self, deflection_mm: Floats, noise_mm: ArrayLike | None = None) -> dict[str, Floats]:
         """Answer samples as the service does, with the floor of the file.
 
         Parameters
         ----------
         deflection_mm : (samples, channels), as the sensors measure them, in the order of the layout; NaN for a channel
             that is missing
-        noise_mm : standard deviation of their noise; None or 0: that of a settled sample
+        noise_mm : standard deviations of their noise, which broadcast to the samples; None or 0: that of a settled one
 
         Returns
         -------
         One array (samples,) per output name.
         """
-        floor, noise_mm = self.metadata.floor, noise_mm or self.metadata.noise.sample_mm
-        covariance_mm2, valid = np.eye(len(self.channels)) * noise_mm**2, ~np.isnan(deflection_mm)
+        floor, noise = self.metadata.floor, np.asarray(0.0 if noise_mm is None else noise_mm, dtype=np.float64)
+        noise, valid = np.where(noise == 0, self.metadata.noise.sample_mm, noise), ~np.isnan(deflection_mm)
+        covariance_mm2 = np.eye(len(self.channels)) * np.broadcast_to(noise**2, deflection_mm.shape)[:, :, None]
         deflection_mm = np.where(valid, deflection_mm, 0.0)
         answers = self.run(deflection_mm, whitening(deflection_mm, covariance_mm2, floor.gain, floor.zero_mm, valid))
         return {name: values.astype(np.float64) for name, values in answers.items()}

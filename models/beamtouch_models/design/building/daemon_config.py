@@ -4,10 +4,12 @@ import secrets
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.design.building.replaced import sealed
+from beamtouch_models.design.physics.characteristic_fit import Characteristic
 from beamtouch_models.design.pricing.walk import smallest_mm, walk_of
 from beamtouch_models.design.surface import Surface, resolve_model
 from beamtouch_models.runtime.metadata import Metadata
@@ -46,8 +48,21 @@ def config_of(metadata: Metadata, surface: Surface) -> str:
         unseen_swing=surface.unseen_swing,
         smallest_mm=smallest_mm(metadata),
         walk=walk_of(metadata, surface.readings),
+        tables=[_table_of(metadata, each) for each in surface.characteristics_of(metadata.layout_mm)],
     )
     return sealed(text)
+
+
+def _table_of(metadata: Metadata, characteristic: Characteristic) -> list[list[float]]:
+    """Return the characteristic of a curved sensor from counts to gap, ascending, from that of its deflection.
+
+    The table of the scene was recorded with the straight characteristic of the model's sensor.
+    """
+    sensor = metadata.sensor
+    counts = (sensor.standoff_mm - characteristic.shown_mm - sensor.offset_mm) / sensor.gain_mm_per_count
+    points = np.column_stack([counts, sensor.standoff_mm - characteristic.straight_mm])
+    points = points[points[:, 0].argsort()]
+    return [[round(float(count), 2), round(float(gap), 6)] for count, gap in points]
 
 
 def write_token_if_absent(folder: Path) -> Path:

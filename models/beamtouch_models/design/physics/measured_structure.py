@@ -1,5 +1,6 @@
 """A measured structure: the influence that is fitted to its table, and how well that is known."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -9,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.design.physics.characteristic_fit import Characteristic, mean_at_places
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, Interpolation, even_loads_mm
 from beamtouch_models.design.physics.smooth_fit import SmoothFit
 from beamtouch_models.design.scene import Scene
@@ -22,6 +24,8 @@ PLACES = 201
 COARSE = 0.1
 """Largest part of the influence that may be unknown anywhere in the range of contacts. A sensor that is known no better
 tells places hardly better than whether something touches."""
+UNSTEADY = 0.2
+"""Largest part of the influence by which a load may differ when it is put on anew."""
 MORE = 40
 """Largest number of further loads that a message asks for."""
 SURELY = 8.0
@@ -48,6 +52,10 @@ class MeasuredStructure:
     """(sensors,) standard deviation by which the influence differs when a load is put on anew, in mm/N."""
     spacing_mm: float
     """Largest distance of neighbouring loads."""
+    shares: Floats
+    """(sensors,) part of the influence by which it differs from load to load as well."""
+    characteristics: tuple[Characteristic, ...] = ()
+    """Of the sensors, if they are curved; the influence is that of straightened deflections."""
     scale: float = 1.0
     """Factor on the influence."""
     held_mm: tuple[float, ...] = ()
@@ -70,8 +78,10 @@ class MeasuredStructure:
 
     def scatter(self, sensor_mm: Floats, load_mm: Floats) -> Floats:
         """Return the standard deviation (loads, sensors) by which loads repeat; places (..., 1) in mm."""
-        scatter = self.scale * self.repeatability[self.nearest(positions_of(sensor_mm))]
-        return np.tile(scatter, (len(load_mm), 1))
+        nearest = self.nearest(positions_of(sensor_mm))
+        moved = self.shares[nearest] * self.mean(positions_of(load_mm))[:, nearest]
+        scatter: Floats = self.scale * np.hypot(moved, self.repeatability[nearest])
+        return scatter
 
     def variance(self, sensor_mm: Floats, load_mm: Floats) -> Floats:
         """Return the variance (loads, sensors) of the influence, of both; places (..., 1) in mm."""
@@ -95,24 +105,48 @@ def measured_structure_of(scene: Scene) -> MeasuredStructure:
     measured = scene.measured
     if measured is None:
         raise SceneError("measured is missing; add it")
+    noise_mm = _noise_mm(scene) if measured.curved else None
     places = tuple(measured.places_mm.items())
-    return _structure(measured.influence, places, measured.end_mm, scene.contact.position_mm)
+    return _structure(measured.influence, places, measured.end_mm, scene.contact.position_mm, noise_mm)
+
+
+def _noise_mm(scene: Scene) -> float:
+    """Return how far a sensor at rest may be off, noise and zero, to which a characteristic is fitted."""
+    sensors = scene.sensors
+    if sensors.noise_mm is None or not sensors.noise_mm + (sensors.zero_drift_mm or 0.0) > 0:
+        raise SceneError("measured.curved needs sensors.noise_mm, as what a sensor shows begins beyond it; state it")
+    return math.hypot(sensors.noise_mm, sensors.zero_drift_mm or 0.0)
 
 
 @lru_cache(maxsize=8)
 def _structure(
-    text: str, sensors_mm: tuple[tuple[str, float], ...], length_mm: float, contacts_mm: tuple[float, float]
+    text: str,
+    sensors_mm: tuple[tuple[str, float], ...],
+    length_mm: float,
+    contacts_mm: tuple[float, float],
+    noise_mm: float | None,
 ) -> MeasuredStructure:
     loads = parse_loads(text, "the table")
     in_order = sorted(sensors_mm, key=lambda sensor: sensor[1])
     names = tuple(name for name, _ in in_order)
-    values = loads.influence_mm_per_n[:, [loads.names.index(name) for name in names]]
-    fit = SmoothFit.of(loads.position_mm, values, loads.force_n)
+    columns = [loads.names.index(name) for name in names]
+    position_mm, force_n = loads.position_mm, loads.force_n
+    values, shares = loads.influence_mm_per_n[:, columns], np.zeros(len(names))
+    characteristics: tuple[Characteristic, ...] = ()
+    if noise_mm is not None:
+        shown_mm = loads.deflection_mm[:, columns]
+        characteristics = tuple(
+            Characteristic.fit(name, position_mm, force_n, shown, noise_mm)
+            for name, shown in zip(names, shown_mm.T, strict=True)
+        )
+        position_mm, values, shares = mean_at_places(position_mm, force_n, shown_mm, characteristics, noise_mm)
+        force_n = np.ones(len(position_mm))
+    fit = SmoothFit.of(position_mm, values, force_n)
     at_mm = np.linspace(0.0, length_mm, PLACES)
     mean, between = fit.at(at_mm)
     is_contact = (at_mm >= contacts_mm[0]) & (at_mm <= contacts_mm[1])
     largest = np.sqrt(np.mean(mean[is_contact] ** 2, axis=0))
-    if message := _contradiction(fit, values, loads.force_n, largest, names):
+    if message := _contradiction(fit, values, force_n, largest, names):
         raise SceneError(f"measured.influence: {message}")
     share = np.sqrt(np.mean((between / largest) ** 2, axis=1)) * is_contact
     if share.max() > COARSE:
@@ -122,7 +156,16 @@ def _structure(
     spacing_mm = float(np.diff(np.unique(loads.position_mm)).max())
     places_mm = np.array([place for _, place in in_order])
     return MeasuredStructure(
-        length_mm, names, places_mm, CubicSpline(at_mm, mean), at_mm, between, fit.repeatability, spacing_mm
+        length_mm,
+        names,
+        places_mm,
+        CubicSpline(at_mm, mean),
+        at_mm,
+        between,
+        fit.repeatability,
+        spacing_mm,
+        shares,
+        characteristics,
     )
 
 
@@ -148,7 +191,7 @@ def _scattered(fit: SmoothFit, largest: Floats, names: tuple[str, ...]) -> str:
     """Say which sensor shows something else each time; empty if none does."""
     scatter = fit.repeatability / largest
     worst = int(scatter.argmax())
-    if scatter[worst] <= COARSE:
+    if scatter[worst] <= UNSTEADY:
         return ""
     return (
         f"{names[worst]} repeats to {digits(100 * scatter[worst], 2)} % of what it shows only, as if loads did not "

@@ -1,7 +1,7 @@
 """Noise of a reading and of a sample, and the filter between them that fits the latency of a scene."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -92,6 +92,11 @@ class ReadingErrors(Rounded):
             warmth_mm=warmth_mm,
             drift_mm_per_min=usual_mm_per_min if um_per_min is None else 1e-3 * um_per_min,
         )
+
+    def scaled(self, factor: float) -> Self:
+        """Return the errors of readings that are `factor` times as large; the gain is relative."""
+        names = "sensor_mm", "step_mm", "zero_mm", "warmth_mm", "drift_mm_per_min"
+        return replace(self, **{name: factor * getattr(self, name) for name in names})
 
     @property
     def reading_mm(self) -> float:

@@ -269,7 +269,7 @@ def load_scene(path: Path) -> tuple[Scene, str]:
     if scene.measured is not None:
         return scene, format_scene(scene)
     if not scene.has_beam:
-        raise InputError(f"{path}: beam is missing; add it, or measured")
+        raise InputError(f"{path}: beam is missing; add it")
     return scene, text
 
 

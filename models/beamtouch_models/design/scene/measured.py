@@ -36,6 +36,11 @@ class Measured(Strict):
     """Positions of the sensors, by name: { s1 = 120, s2 = 280 }. Pages draw them there. Default: where each shows most.
     """
 
+    curved: bool = False
+    """True if what the sensors show is no straight function of the deflection: a characteristic that rises with the
+    force is then fitted for each from the same loads, which need two forces or more at some places. `build` writes it
+    into the daemon's configuration."""
+
     @field_validator("influence")
     @classmethod
     def _whole(cls, value: str, info: ValidationInfo) -> str:
@@ -52,6 +57,8 @@ class Measured(Strict):
             raise ValueError(f"sensors_mm names {unknown[0]}, but the table has {', '.join(names)}")
         if self.sensors_mm and (missing := [name for name in names if name not in self.sensors_mm]):
             raise ValueError(f"sensors_mm lacks {missing[0]}; state all, or none")
+        if self.curved and self.loads.is_per_newton:
+            raise ValueError("curved needs a table of loads, as one of influence has no forces; or leave it out")
         places = list(self.sensors_mm.values())
         if twice := [place for place in places if places.count(place) > 1]:
             raise ValueError(f"sensors_mm has {twice[0]:g} mm twice; two sensors cannot share a position")
@@ -115,5 +122,6 @@ def _where_most(loads: MeasuredLoads, length_mm: float) -> dict[str, float]:
 
 def identity_of_measured(measured: Measured, sensors_mm: Mapping[str, float]) -> str:
     """Return the identity of a measured structure with some of its sensors: of its table, and of where they stand."""
-    facts = {"influence": measured.influence, "sensors_mm": {name: text_of(mm) for name, mm in sensors_mm.items()}}
+    places = {name: text_of(mm) for name, mm in sensors_mm.items()}
+    facts = {"influence": measured.influence, "sensors_mm": places, "curved": measured.curved}
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:DIGITS]

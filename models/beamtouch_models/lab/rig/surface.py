@@ -17,6 +17,7 @@ from beamtouch_models.design.physics.structure import influence_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.tables import Finite, Fixity, PositiveFinite, Strict
+from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.world import Motion, SensorErrors, World, counts_of_output
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig.faults import Faults
@@ -107,6 +108,8 @@ class VirtualSurface:
                 "scene"
             )
             raise SceneError(message)
+        is_curved = scene.measured is not None and scene.measured.curved
+        self._characteristics = resolve_model(model).characteristics_of(model.layout_mm) if is_curved else ()
         self._motion, self._exact = Motion(self._world, rings=rings), SensorErrors.none(1, self.channels)
         self._drift_mm_per_s = np.array(imperfections.drift_um_per_min or 0.0) / 60e3
         self._rng = np.random.default_rng(seed)
@@ -128,5 +131,7 @@ class VirtualSurface:
     def _outputs(self, load: Load, seconds: float) -> Floats:
         place_mm = 0.0 if load.position_mm is None else load.position_mm  # without a load, its force is 0
         deflection = self._motion.at(seconds, place_mm, load.force_n) + self._drift_mm_per_s * seconds
+        for channel, curved in enumerate(self._characteristics):
+            deflection[channel] = curved.show(deflection[channel])
         outputs = self._world.outputs(deflection[None, None], self._exact, self._rng)[0, 0]
         return self._faults.change(outputs, seconds)

@@ -1,0 +1,94 @@
+"""The scene of a structure of which nothing is known but recorded loads, as `beamtouch-daemon record` writes them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_common.encodings import decode
+from beamtouch_models.design.rows import RecordingError, Row, read_rows
+from beamtouch_models.design.scene import Scene, make_scene
+from beamtouch_models.design.scene.measured_loads import OF_LOADS, parse_loads
+
+FEWEST = 5
+"""Samples of a load that tell its noise."""
+LIGHTER = 5.0
+"""Largest force over the smallest one that the scene allows, unless lighter loads were recorded."""
+ROOM = 1.25
+"""Range of the sensors over what they showed, at least."""
+NEAREST_MM, USUAL_MM = 1.0, 3.0
+"""Smallest gap of the sensors, and their range."""
+LATENCY_MS, RATE_HZ = 50.0, 100.0
+"""Time to an answer, and readings per second where the recording has no times."""
+
+
+def scene_of_loads(path: Path) -> Scene:
+    """Return the scene of a recording: contacts and forces as recorded, and the noise of its samples.
+
+    Raises
+    ------
+    InputError
+        It is no recording of known loads, or its loads have too few samples to tell their noise.
+    """
+    rows, _ = read_rows(path)
+    loads = parse_loads(decode(path.read_bytes()), str(path))
+    if loads.is_per_newton:
+        raise RecordingError(f"{path}: it has influence, not loads; name it in a scene: [measured] influence = ...")
+    noise_mm, rate_hz = _noise_mm(rows, loads.names, path), _rate_hz(rows)
+    largest_n = float(loads.force_n.max())
+    travel_mm = float(np.ptp(np.append(loads.deflection_mm, 0.0)))
+    return make_scene(
+        measured={"influence": loads.to_csv()},
+        contact={
+            "force_n": [min(float(loads.force_n.min()), largest_n / LIGHTER), largest_n],
+            "position_mm": [float(loads.position_mm.min()), float(loads.position_mm.max())],
+        },
+        sensors={
+            "noise_mm": noise_mm,
+            "rate_hz": rate_hz,
+            "range_mm": [NEAREST_MM, NEAREST_MM + max(USUAL_MM, ROOM * travel_mm)],
+        },
+        requirements={"latency_ms": max(LATENCY_MS, 1e3 / rate_hz), "descriptors": ["position", "force"]},
+    )
+
+
+def assumed_of(scene: Scene) -> str:
+    """Say what the scene of a recording takes from it."""
+    (low, high), (weak, strong) = scene.contact.position_mm, scene.contact.force_range_n
+    noise_um, rate_hz = digits(1e3 * (scene.sensors.noise_mm or 0.0), 3), scene.sensors.rate_hz
+    return (
+        f"taken from the loads: contacts at {low:g} to {high:g} mm with {digits(weak, 3)} to {digits(strong, 3)} N, "
+        f"{noise_um} um of noise in each of {digits(rate_hz, 3)} samples a second; `design-sensors inspect` shows all, "
+        "and a scene with [measured] states it otherwise"
+    )
+
+
+def _noise_mm(rows: Sequence[Row], names: Sequence[str], path: Path) -> float:
+    """Return the standard deviation of a sample within its load; RecordingError if loads have too few."""
+    numbers = np.array([row.load() if row.cells.get("load") else -index for index, row in enumerate(rows, start=1)])
+    squares, freedom = 0.0, 0
+    for load in np.unique(numbers):
+        own = [row for row, number in zip(rows, numbers, strict=True) if number == load]
+        for name in names:
+            good = [row for row in own if row.cells.get(f"{name}_quality", "good") == "good"]
+            shown = np.array([row.number_in(f"{name}{OF_LOADS}") for row in good])
+            if len(shown) >= FEWEST:
+                squares, freedom = squares + len(shown) * float(shown.var()), freedom + len(shown) - 1
+    if not squares > 0:
+        raise RecordingError(
+            f"{path}: no load has {FEWEST} samples that differ, which tell the noise; record loads with "
+            "beamtouch-daemon record, or state sensors.noise_mm in a scene with [measured]"
+        )
+    return float(np.sqrt(squares / freedom))
+
+
+def _rate_hz(rows: Sequence[Row]) -> float:
+    """Return the samples per second within loads; a usual number if the recording has no times."""
+    try:
+        seconds = np.array([float(row.cells.get("unix_time_s", "")) for row in rows])
+    except ValueError:
+        return RATE_HZ
+    steps = np.diff(seconds)
+    steps = steps[steps > 0]
+    return float(digits(1 / float(np.median(steps)), 3)) if len(steps) else RATE_HZ

@@ -1,0 +1,145 @@
+"""The characteristic of each sensor, fitted from known loads: what it shows, as a deflection that grows with the force.
+
+The influence is a product of force and place, so on a logarithmic scale it is a sum: log(force) + log(influence) is a
+smooth function of log(shown). Its coefficients are a least-squares problem, whose scale is open: shown and straightened
+deflections have the same largest value.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.errors import SceneError
+
+KNOTS, DEGREE = 8, 3
+"""Of the spline over the logarithm of what a sensor shows."""
+STIFFNESS = 1.0
+"""Weight of the second differences of its coefficients."""
+PLACED = 0.05
+"""Relative error of a load, as a standard deviation: it keeps a few loads from deciding all."""
+SEEN = 2.0
+"""What a sensor shows counts from so many noises on."""
+POINTS = 24
+"""Of the table of a characteristic, beside its beginning and the part below rest."""
+BELOW = 0.2
+"""How far a table reaches below rest, over its largest value."""
+RISES = 1e-6
+"""Least step of the logarithm from point to point, so that a characteristic always rises."""
+LEVELS, PLACES = 2, 3
+"""Forces at a place, and such places, that a characteristic needs at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Characteristic:
+    """What a sensor shows, and the straight deflection behind it: a line from point to point, ascending."""
+
+    shown_mm: Floats
+    """(points,)"""
+    straight_mm: Floats
+    """(points,)"""
+
+    @classmethod
+    def fit(cls, name: str, position_mm: Floats, force_n: Floats, shown_mm: Floats, noise_mm: float) -> Self:
+        """Fit the characteristic of a sensor to known loads (loads,).
+
+        Raises
+        ------
+        SceneError
+            The loads do not tell it; the message says which are missing.
+        """
+        is_seen = shown_mm > SEEN * noise_mm
+        places, place_of = np.unique(position_mm[is_seen], return_inverse=True)
+        levels = [len(np.unique(force_n[is_seen][place_of == index])) for index in range(len(places))]
+        if sum(level >= LEVELS for level in levels) < PLACES:
+            raise SceneError(
+                f"measured.curved: {name} shows more than its noise with {LEVELS} forces at fewer than {PLACES} "
+                "places; measure with several forces at each place, or leave curved out"
+            )
+        shown, force = shown_mm[is_seen], force_n[is_seen]
+        logs = np.log(shown)
+        knots = np.linspace(logs.min(), logs.max(), KNOTS)
+        step = float(knots[1] - knots[0])
+        beyond = step * np.arange(1, DEGREE + 1)
+        knots = np.concatenate([knots[0] - beyond[::-1], knots, knots[-1] + beyond])
+        design = BSpline.design_matrix(np.clip(logs, knots[DEGREE], knots[-DEGREE - 1]), knots, DEGREE).toarray()
+        count = design.shape[1]
+        weight = 1 / np.hypot(noise_mm / shown, PLACED)
+        smooth = np.sqrt(STIFFNESS) * np.diff(np.eye(count), 2, axis=0)
+        rows = np.block(
+            [
+                [design * weight[:, None], -np.eye(len(places))[place_of] * weight[:, None]],
+                [smooth, np.zeros((len(smooth), len(places)))],
+                [np.zeros((1, count)), np.ones((1, len(places)))],
+            ]
+        )
+        wanted = np.concatenate([np.log(force) * weight, np.zeros(len(smooth) + 1)])
+        coefficients = np.linalg.lstsq(rows, wanted, rcond=None)[0][:count]
+        along = np.linspace(logs.min(), logs.max(), POINTS)
+        rising = np.maximum.accumulate(BSpline(knots, coefficients, DEGREE)(along) - RISES * np.arange(POINTS))
+        straight = np.exp(rising + RISES * np.arange(POINTS))
+        points, straight = np.exp(along), straight * (shown.max() / straight[-1])
+        below = -BELOW * points[-1]
+        return cls(
+            np.concatenate([[below, 0.0], points]),
+            np.concatenate([[below * straight[0] / points[0], 0.0], straight]),
+        )
+
+    @property
+    def at_rest(self) -> float:
+        """Change of the straight deflection with what is shown, at rest."""
+        return float(self.straight_mm[2] / self.shown_mm[2])
+
+    def straighten(self, shown_mm: Floats) -> Floats:
+        """Return the straight deflections of what is shown; NaN beyond the ends of the table."""
+        straight: Floats = np.interp(shown_mm, self.shown_mm, self.straight_mm, left=np.nan, right=np.nan)
+        return straight
+
+    def slope(self, shown_mm: Floats) -> Floats:
+        """Return the change of `straighten` with what is shown, interpolated between the middles of the lines."""
+        middles = (self.shown_mm[1:] + self.shown_mm[:-1]) / 2
+        slopes: Floats = np.interp(shown_mm, middles, np.diff(self.straight_mm) / np.diff(self.shown_mm))
+        return slopes
+
+    def show(self, straight_mm: Floats) -> Floats:
+        """Return what the sensor shows of straight deflections; at most what the table ends with."""
+        shown: Floats = np.interp(straight_mm, self.straight_mm, self.shown_mm)
+        return shown
+
+
+def mean_at_places(
+    position_mm: Floats,
+    force_n: Floats,
+    shown_mm: Floats,
+    characteristics: Sequence[Characteristic],
+    noise_mm: float,
+) -> tuple[Floats, Floats, Floats]:
+    """Return the straight deflection per newton at each place, as a mean of its loads, and their scatter.
+
+    Parameters
+    ----------
+    position_mm, force_n, shown_mm : known loads, (loads,), (loads,) and (loads, sensors)
+    characteristics, noise_mm : of the sensors, and how far what one shows may be off
+
+    Returns
+    -------
+    Places (places,), means (places, sensors), and by what part of it each sensor (sensors,) differs from load to load
+    beyond its noise.
+    """
+    straight = np.column_stack([one.straighten(shown) for one, shown in zip(characteristics, shown_mm.T, strict=True)])
+    slope = np.column_stack([one.slope(shown) for one, shown in zip(characteristics, shown_mm.T, strict=True)])
+    places, place_of = np.unique(position_mm, return_inverse=True)
+    there: Bools = np.isfinite(straight)
+    value = np.where(there, straight, 0.0) / force_n[:, None]
+    deviation = noise_mm * slope / force_n[:, None]
+    weight = np.where(there, 1 / (deviation**2 + (PLACED * value) ** 2), 0.0)
+    at = np.eye(len(places))[place_of]
+    total = at.T @ weight
+    mean = (at.T @ (weight * value)) / np.maximum(total, np.finfo(np.float64).tiny)
+    off = value - mean[place_of]
+    beyond_noise = (weight * (off**2 - deviation**2)).sum(axis=0) / (weight * value**2).sum(axis=0)
+    known = np.all(total > 0, axis=1)
+    return places[known], mean[known], np.sqrt(np.maximum(beyond_noise, 0.0))
