@@ -68,8 +68,9 @@ def test_the_beam_of_a_scene_is_found_in_twenty_loads() -> None:
 @pytest.mark.promise("docs/reference/scene.md", "the model file holds the table")
 def test_a_model_holds_its_table(tmp_path: Path, design_sensors_roughly: Command) -> None:
     scene = write_scene(tmp_path, loads_csv(20))
-    built = design_sensors_roughly("build", scene, "-o", tmp_path / "leaf.onnx")
+    built = design_sensors_roughly("build", scene, "-o", tmp_path / "leaf.onnx", "--report", tmp_path / "leaf.html")
     assert built.returncode == 0, built.stderr
+    assert "The structure as a line" in (tmp_path / "leaf.html").read_text()
     for path in (scene, tmp_path / "leaf.csv"):
         path.unlink()
     again = design_sensors_roughly("build", tmp_path / "leaf.onnx", "-o", tmp_path / "again.onnx")

@@ -113,7 +113,7 @@ def questions(
         ("What does a false contact mean?", _false(metadata)),
         ("Who calibrates it, and when?", _calibration(metadata)),
         ("Is the beam strong enough?", _stress(surface, metadata)),
-        ("How sure are these figures?", _figures()),
+        ("How sure are these figures?", _figures(surface)),
         ("When do we accept it?", _acceptance(metadata, accepted_mm)),
     ]
     return [Question(question, " ".join(answer)) for question, answer in asked]
@@ -243,6 +243,9 @@ def _calibration(metadata: Metadata) -> Iterator[str]:
 
 
 def _stress(surface: Surface, metadata: Metadata) -> Iterator[str]:
+    if not surface.scene.has_beam:
+        yield "Its influence was measured, not computed, so its stress is not known: that is yours to check."
+        return
     strong, fall_mm, beam = metadata.ranges.force_n[1], surface.travel.largest_mm, surface.scene.beam
     stress_mpa = largest_stress_mpa(beam, strong, metadata.ranges.position_mm)
     if stress_mpa is None:
@@ -260,7 +263,13 @@ def _stress(surface: Surface, metadata: Metadata) -> Iterator[str]:
     )
 
 
-def _figures() -> Iterator[str]:
+def _figures(surface: Surface) -> Iterator[str]:
+    if not surface.scene.has_beam:
+        yield (
+            "They are simulated, for a structure that shows what its table of measured loads says, with every place "
+            "and force of the ranges equally likely. ± is a standard error of the simulation."
+        )
+        return
     yield (
         "They are simulated, for a beam, sensors and loads exactly as stated here, with every place and force of the "
         "ranges equally likely. Nothing was measured on your beam. ± is a standard error of the simulation."
