@@ -90,11 +90,11 @@ async def test_a_part_that_cannot_be_made_ends_its_answer_only(transactions: Tra
 
 
 class Worked:
-    """A clock of the work of a thread, and the rests of its reader."""
+    """A clock, and the rests of its reader."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, step_s: float = 0.0) -> None:
         self.now_s, self._step_s, self.rests_s = 0.0, step_s, list[float]()
-        monkeypatch.setattr(readers, "time", SimpleNamespace(thread_time=self._read))
+        monkeypatch.setattr(readers, "time", SimpleNamespace(perf_counter=self._read))
         monkeypatch.setattr(readers, "select", lambda *arguments: self.rests_s.append(arguments[-1]))
 
     def _read(self) -> float:
@@ -111,6 +111,17 @@ def test_a_reader_that_worked_for_a_fifth_of_a_millisecond_rests_for_ten_times_a
         worked.now_s = now_s
         reader.rest()
     assert worked.rests_s == pytest.approx([2e-3, 3e-3])
+
+
+def test_a_reader_that_was_put_aside_while_it_worked_rests_a_tenth_of_a_second_at_most(
+    transactions: Transactions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worked = Worked(monkeypatch)
+    reader = Reader(transactions.database)
+    for now_s in (0.009, 0.029):
+        worked.now_s = now_s
+        reader.rest()
+    assert worked.rests_s == pytest.approx([0.09, 0.1])
 
 
 @pytest.mark.parametrize(("count", "rests"), [(8, 1), (9, 2), (16, 2), (17, 3)])

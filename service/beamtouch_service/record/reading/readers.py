@@ -27,6 +27,8 @@ _WORK_S = 0.2e-3
 """Longest time that a reader works at a time [s], but for what one row takes."""
 _REST = 10.0
 """Then it rests for this many times as long."""
+_LONGEST_REST_S = 0.1
+"""It rests no longer than this, whatever a slow disk or a busy machine made of its work."""
 _AT_ONCE = 8
 """Rows that are fetched at a time."""
 _T = TypeVar("_T")
@@ -54,13 +56,14 @@ class Reader:
 
     def begin(self) -> None:
         """Begin to work, in this thread."""
-        self._begin_s = time.thread_time()
+        self._begin_s = time.perf_counter()
 
     def rest(self) -> None:
         """Leave the interpreter to others for a while if it is time; call this after each row that was worked on."""
-        worked_s = time.thread_time() - self._begin_s
+        # By the clock: on a busy machine, a reader is put aside while it has the interpreter, and others wait for it.
+        worked_s = time.perf_counter() - self._begin_s
         if worked_s >= _WORK_S:
-            select([], [], [], _REST * worked_s)
+            select([], [], [], min(_REST * worked_s, _LONGEST_REST_S))
             self.begin()
 
 
