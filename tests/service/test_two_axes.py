@@ -44,6 +44,13 @@ def places_of(members: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in members.items() if name.endswith("_mm")}
 
 
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    (
+        "On a surface whose model has the axes `x` and `y`, a contact has `x_mm`, `x_low_mm`, `x_high_mm`, `y_mm`, "
+        "`y_low_mm` and `y_high_mm` instead, and events likewise."
+    ),
+)
 def test_contact_stream_and_problem() -> None:
     bench = Bench(plate())
     bench.send(RESTING)
@@ -59,6 +66,10 @@ def test_contact_stream_and_problem() -> None:
     assert "x_mm is 625, off a plate of 400 by 300 mm" in bench.get("/contact").json()["detail"]
 
 
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "registers 8 to 13 hold the place along the first axis and 50 to 55 that along the second.",
+)
 def test_registers_variables_and_sensors_of_home_assistant() -> None:
     surface = plate()
     surface.receive(parsed(TOUCHING), NOW_S)
@@ -76,6 +87,7 @@ def test_registers_variables_and_sensors_of_home_assistant() -> None:
     assert "position" not in components
 
 
+@pytest.mark.promise("docs/reference/registers.md", "50 to 55 are NaN on a beam.")
 def test_a_beam_has_no_second_place() -> None:
     surface = surface_of()
     surface.receive(parsed(TOUCHING), NOW_S)
