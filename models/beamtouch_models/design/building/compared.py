@@ -76,5 +76,7 @@ def compare_layout(layout: Layout, seed: int, *, anew: bool = False) -> Compared
             positions[name] = np.array(found.positions_mm)
     places = [on_axis(each) for each in positions.values()]
     costs = dict(zip(positions, costs_of(influence, surface.errors, places, seed + 1, aim.effort), strict=True))
-    reasons = reasons_for(costs[TAKEN], rules.gap_mm, surface.scene.sensors.fixed_mm)
+    # Sensors that were measured stand where they stand: none is side by side with another to keep a rule.
+    gap_mm = rules.gap_mm if surface.scene.measured is None else 0.0
+    reasons = reasons_for(costs[TAKEN], gap_mm, surface.scene.sensors.fixed_mm)
     return Compared(positions, costs, reasons)
