@@ -132,7 +132,8 @@ def test_a_commit_that_hangs_does_not_hold_up_a_stop_and_what_is_durable_stays(
 
 
 SHORT_LOG = """
-from beamtouch_service.record import recorder, write_ahead
+from beamtouch_service.record import recorder
+from beamtouch_service.record.database import write_ahead
 write_ahead.WARN_BYTES, write_ahead.MAX_BYTES = 50_000, 100_000
 """
 
