@@ -34,13 +34,12 @@ MaterialName = Literal[
 MATERIALS: dict[MaterialName, Material] = {
     "steel": Material(
         210.0, (190.0, 215.0), 7850.0, 12.0, f"EN 1993-1-1:2005, 3.2.6; EN 1993-1-2:2005, 3.2.2; range: {GERE}",
-        strength_mpa=235.0, grade="S235 yields: EN 10025-2",
+        strength_mpa=235.0, grade="S235 up to 16 mm yields: EN 10025-2, table 7",
     ),
     "stainless": Material(
         200.0, (185.0, 220.0), 7900.0, 16.0,
         "EN 10088-1:2005, annex E, for 1.4301 (AISI 304); 195 to 220 GPa and 10 to 16.5 um/(m K) over all grades, less "
         "in the rolling direction",
-        strength_mpa=210.0, grade="hot-rolled 1.4301 yields: EN 10088-2",
     ),
     "spring-steel": Material(
         206.0, (185.0, 215.0), 7850.0, 12.0, "EN 10270-1:2011 and EN 13906-1:2013; expansion as steel"
@@ -52,7 +51,6 @@ MATERIALS: dict[MaterialName, Material] = {
     "acrylic": Material(
         3.3, (2.2, 3.8), 1190.0, 70.0,
         "PMMA; data sheets of Plexiglas GS and XT (ISO 527-2, ISO 1183); the modulus falls as it warms and creeps",
-        strength_mpa=70.0, grade="it breaks: data sheets of Plexiglas, ISO 527",
     ),
     "polycarbonate": Material(
         2.4, (2.0, 2.5), 1200.0, 65.0,
