@@ -66,8 +66,8 @@ def build_model(
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
     if not layout.surface.scene.has_beam and layout.surface.scene.measured is None:
         raise SceneError(
-            "influence: a model file holds the scene's structure, not an influence function of your own; its layouts "
-            "have limits, but no model. Write a table of it, and name that in [measured]"
+            "influence: a model file holds the scene's beam, not an influence function of your own; its layouts have "
+            "limits, but no model; name a table of it in [measured], and build that"
         )
     surface, prior, scene = layout.surface, layout.prior, layout.surface.scene
     made = layout.make_estimator(estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done))
