@@ -10,13 +10,15 @@ import httpx2
 import numpy as np
 import pytest
 
+from beamtouch_common.zones import Zone
 from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
 from beamtouch_service import steps
 from beamtouch_service.api.app import Application, create_app
+from beamtouch_service.outputs.modbus.registers import registers_of
 from beamtouch_service.samples import MAX_SAMPLES
 from beamtouch_service.sections import SurfaceSection
-from service.bench import TOKEN, Bench, Row, batch_of, surface_of
-from service.event_story import RESTING, TOUCHING
+from service.bench import START_US, TOKEN, Bench, Row, batch_of, surface_of
+from service.event_story import ODD, RESTING, TOUCHING
 from support.surfaces.small_model import model_of
 
 pytestmark = pytest.mark.anyio
@@ -120,6 +122,58 @@ async def test_a_batch_waits_for_the_one_before_it(client: httpx2.AsyncClient, a
     assert ((await before).json()["accepted"], after.json()["accepted"]) == (MANY, 1)
     contact = (await client.get("/surfaces/press-7/contact")).json()
     assert contact["sequence"] == MANY + 1
+
+
+async def test_what_is_shown_during_a_batch_is_of_one_sample() -> None:
+    """Counts and alarms included: they are those of the sample whose number stands beside them."""
+    section = SurfaceSection(
+        stale_ms=60_000,
+        zones={"gate": Zone(from_mm=120, to_mm=200)},
+        unexplained_after_s=0.005,
+        degraded_after_s=0.005,
+    )
+    app = create_app([surface_of(section=section)], TOKEN)
+    surface = app.context.registry.named("press-7")
+
+    async def summary() -> object:
+        body = (await http.get("/surfaces/press-7")).json()
+        return body["state"], body["channels_out"]
+
+    async def metrics() -> object:
+        families = ("beamtouch_zone_entries_total{", "beamtouch_unexplained", "beamtouch_channel_out{")
+        return [line for line in (await http.get("/metrics")).text.splitlines() if line.startswith(families)]
+
+    async def registers() -> object:
+        view = surface.view(app.context.clock())
+        found = {one.name: one.value(view) for one in registers_of(view.axes)}
+        return found["sequence"], found["zone_1_entries"]
+
+    async def fault() -> object:
+        found = surface.find_fault(app.context.clock())
+        return found and found.kind
+
+    doors = [summary, metrics, registers, fault]
+    odd = batch_of(*[TOUCHING] * MANY, *[ODD] * MANY, sequence=2)
+    late_us = START_US + 2 * MANY * 5000
+    out = batch_of(*[TOUCHING] * MANY, sequence=2 + 2 * MANY, quality=["good", "good", "stuck"], begin_us=late_us)
+    transport = httpx2.ASGITransport(app)
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    async with httpx2.AsyncClient(transport=transport, base_url="http://127.0.0.1", headers=headers) as http:
+        await http.post("/surfaces/press-7/samples", json=batch_of(RESTING))
+        before = [await door() for door in doors]
+        batch = odd | {"samples": odd["samples"] + out["samples"]}
+        post = asyncio.ensure_future(http.post("/surfaces/press-7/samples", json=batch))
+        await turn_until(lambda: surface.counts.accepted > 1)
+        during = []
+        while not post.done():
+            during.append([await door() for door in doors])
+        assert (await post).status_code == 200
+        after = [await door() for door in doors]
+    await app.context.recorder.close()
+    assert all(now != then for now, then in zip(after, before, strict=True))
+    assert during.count(before) > 5
+    for now, *looks in zip(after, before, *during, strict=True):
+        assert [one for one in looks[1:] if one not in (now, looks[0])] == []
 
 
 async def test_a_model_that_changes_during_a_batch_does_not_mix_with_the_one_before(

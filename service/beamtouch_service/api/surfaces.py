@@ -141,7 +141,7 @@ def summarize(surface: Surface, now_s: float) -> SurfaceSummary:
         notes=view.notes,
         misfit=view.misfit,
         misfit_limit=view.misfit_limit,
-        channels_out=surface.channels_out.now,
+        channels_out=dict(view.totals.channels_out),
         wiring=surface.wiring,
         model_error=surface.model_error,
         samples=surface.counts,

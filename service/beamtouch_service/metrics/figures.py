@@ -154,9 +154,9 @@ def _of_states(views: Views) -> Iterator[Metric]:
         for note in view.notes:
             notes.add_metric([surface.name, note], 1)
         # Without fresh samples, nothing is known of a surface.
-        overdue.add_metric(label, surface.unexplained.is_overdue and view.is_current)
-        stretches.add_metric(label, surface.unexplained.count)
-        seconds.add_metric(label, surface.unexplained.total_s)
+        overdue.add_metric(label, view.totals.unexplained.is_overdue and view.is_current)
+        stretches.add_metric(label, view.totals.unexplained.number)
+        seconds.add_metric(label, view.totals.unexplained.total_s)
     yield from (states, problems, notes, overdue, stretches, seconds)
 
 
@@ -167,7 +167,7 @@ def _of_zones(views: Views) -> Iterator[Metric]:
     entries = CounterMetricFamily("beamtouch_zone_entries", words, labels=["surface", "zone"])
     for surface, view in views:
         states = view.zones
-        for zone, count in view.zone_entries.items():
+        for zone, count in view.totals.zone_entries.items():
             entries.add_metric([surface.name, zone], count)
             for state in ZoneState if states.get(zone) else ():
                 zones.add_metric([surface.name, zone, state.value], states[zone] is state)
@@ -180,12 +180,11 @@ def _of_channels(views: Views) -> Iterator[Metric]:
     words = "1 for a channel that has not been good for longer than degraded_after_s."
     out = GaugeMetricFamily("beamtouch_channel_out", words, labels=["surface", "channel"])
     for surface, view in views:
-        channels_out = surface.channels_out.now
         # Without fresh samples, nothing is known of a channel; another replica may have them.
         for name, found in view.qualities.items():
             for quality in Quality:
                 qualities.add_metric([surface.name, name, quality.value], found is quality)
-            out.add_metric([surface.name, name], name in channels_out)
+            out.add_metric([surface.name, name], name in view.totals.channels_out)
     yield from (qualities, out)
 
 

@@ -21,7 +21,7 @@ from beamtouch_service.surfaces.freshness import Moment, SampleClock, Transit
 from beamtouch_service.surfaces.listeners import Listeners
 from beamtouch_service.surfaces.order import DuplicateSenders, Order, SampleCounts
 from beamtouch_service.surfaces.unexplained import UnexplainedTracker
-from beamtouch_service.surfaces.view import Newest, View
+from beamtouch_service.surfaces.view import Newest, Totals, View
 
 _DEFAULTS = SurfaceSection()
 SENDER_GONE_S = 10.0
@@ -79,6 +79,8 @@ class Surface:
         """The channels that were not good for too long in these samples."""
         self.zone_entries: Mapping[str, int] = dict.fromkeys(section.zones, 0)
         """Zone -> times that a contact came to be inside it since the start."""
+        self._totals = Totals(self.zone_entries, {}, self.unexplained.now)
+        """What these three say at the newest sample. Within a batch they are ahead of it."""
         self.health: SurfaceHealth | None = None
         """Health of the sensors, as the recorder finds it in the events so far."""
         self.moves = Listeners[Surface]()
@@ -121,6 +123,7 @@ class Surface:
         """Use this model from the next sample on. The contact so far stays with the model that gave it."""
         self._follower = self._follow(model)
         self.channels_out.forget()
+        self._totals = self._totals._replace(channels_out={})
 
     def receive(self, batch: Batch, arrival_s: float, address: str = "unknown") -> Received:
         """Take a batch as `begin` does, with all steps at once."""
@@ -184,6 +187,8 @@ class Surface:
             notes += [Note.NOISE] if follower.estimator.contradicts else []
             notes += [Note.DEGRADED] if self.channels_out.any else []
             notes += sender_notes
+        # Together: the loop turns between two steps, and a view shows one sample.
+        self._totals = Totals(self.zone_entries, self.channels_out.now, self.unexplained.now)
         self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided)
         self.moves.tell(self)
 
@@ -191,7 +196,7 @@ class Surface:
         self.channels_out.add(decision.estimate.sample.acquired_unix_us, decision.estimate.bad, moment.passed_s)
         self.unexplained.add(decision, moment.passed_s)
         for zone in decision.zones.entered:
-            # Replaced as a whole, because a view has it.
+            # Replaced as a whole, because views have it.
             self.zone_entries = {**self.zone_entries, zone: self.zone_entries[zone] + 1}
 
     def view(self, now_s: float) -> View:
@@ -202,7 +207,7 @@ class Surface:
         problem = self._find_problem(model, newest, now_s, is_current=is_current)
         decided = newest.decided if newest and problem is None else None
         by, decision = decided or (None, None)
-        return View(self.name, now_s, model, newest, is_current, problem, by, decision, self.zone_entries)
+        return View(self.name, now_s, model, newest, is_current, problem, by, decision, self._totals)
 
     def _find_problem(
         self, model: ModelFile | None, newest: Newest | None, now_s: float, *, is_current: bool
@@ -229,11 +234,11 @@ class Surface:
         view = self.view(now_s)
         if view.decision is None:
             return view.problem
-        if self.channels_out.any:
-            return problems.channels_out(self.name, self.channels_out.now)
+        if view.totals.channels_out:
+            return problems.channels_out(self.name, view.totals.channels_out)
         if Note.ZEROS in view.notes:
             return problems.zeros_moved(self.name)
-        if self.unexplained.is_overdue:
+        if view.totals.unexplained.is_overdue:
             return problems.unexplained(self.name, self.unexplained.after_s, view.decision.suspect)
         changed = [name for name, one in (self.channel_health or {}).items() if one.changed]
         return problems.changed_channels(self.name, changed) if changed else None

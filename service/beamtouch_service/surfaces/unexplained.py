@@ -17,6 +17,17 @@ class Overdue(NamedTuple):
     """By how much all zeros have moved together, if that explains it."""
 
 
+class Stretches(NamedTuple):
+    """The stretches of a surface so far."""
+
+    number: int
+    """Stretches since the start."""
+    total_s: float
+    """Their time, by the ages of the samples [s]."""
+    is_overdue: bool
+    """True if the current stretch lasts too long."""
+
+
 class UnexplainedTracker:
     """Follows the samples that move the answer."""
 
@@ -39,6 +50,11 @@ class UnexplainedTracker:
     def is_overdue(self) -> bool:
         """True if the current stretch lasts too long."""
         return self._length_s > self.after_s
+
+    @property
+    def now(self) -> Stretches:
+        """The stretches so far."""
+        return Stretches(self.count, self.total_s, self.is_overdue)
 
     def add(self, decision: Decision, passed_s: float) -> None:
         """Add the next sample, with the time since the one before [s]."""

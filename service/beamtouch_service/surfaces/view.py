@@ -12,7 +12,9 @@ from beamtouch_common.outline import BEAM_AXES, Place, Span
 from beamtouch_models.runtime import ModelFile, State
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Quality, Sample
+from beamtouch_service.surfaces.channels import ChannelOut
 from beamtouch_service.surfaces.follower import Decision
+from beamtouch_service.surfaces.unexplained import Stretches
 from beamtouch_service.surfaces.zones import ZoneStates
 
 
@@ -38,6 +40,17 @@ class Newest:
     def bad(self) -> Mapping[str, Quality]:
         """Channels of the model that took no part."""
         return self.decided[1].estimate.bad if self.decided else {}
+
+
+class Totals(NamedTuple):
+    """Counts and alarms up to the newest sample."""
+
+    zone_entries: Mapping[str, int]
+    """Zone -> times that a contact came to be inside it since the start."""
+    channels_out: Mapping[str, ChannelOut]
+    """The channels that are out, by name."""
+    unexplained: Stretches
+    """The unexplained stretches."""
 
 
 class ChannelView(NamedTuple):
@@ -69,8 +82,8 @@ class View(NamedTuple):
     """The model that gave the answer: after a change of models, still the old one."""
     decision: Decision | None
     """The decision on the newest sample, if it stands."""
-    zone_entries: Mapping[str, int]
-    """Zone -> times that a contact came to be inside it since the start."""
+    totals: Totals
+    """Counts and alarms up to the newest sample."""
 
     def require_contact(self) -> Self:
         """Return this view; raises ProblemError if a problem prevents a contact."""

@@ -124,7 +124,7 @@ def _zones(view: View) -> int:
 
 def _entries(place: int) -> Register:
     def value(view: View) -> int:
-        counts = list(view.zone_entries.values())
+        counts = list(view.totals.zone_entries.values())
         return counts[place] & MAX_UINT16 if place < len(counts) else 0
 
     meaning = f"entries into zone {place + 1} since the service started; wraps to 0 after 65535"
