@@ -173,6 +173,33 @@ async def test_a_boot_that_cannot_be_read_makes_the_record_away_until_it_is(
         assert (one.away_because, one.outages) == ("", 1)
 
 
+@pytest.mark.parametrize("error", [error for error, _ in ERRORS])
+async def test_a_boot_that_cannot_be_read_is_not_read_with_each_batch(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    now = SimpleNamespace(s=100.0)
+    asked: list[str] = []
+    monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: now.s, time=lambda: 1.8e9))
+    async with recording() as one:
+        works = one.transactions.load
+
+        def load(surface: str, boot_id: str) -> object:
+            asked.append(surface)
+            if surface == "press-7":
+                raise error
+            return works(surface, boot_id)
+
+        monkeypatch.setattr(one.transactions, "load", load)
+        for _ in range(5):
+            assert await one.take(surface_of(), batch_of(*REST), {}) == (None, None)
+        assert asked == ["press-7"]
+        # What another surface needs is not held up by it.
+        assert await take(one, surface_of("press-8"), *REST) == (0, 4)
+        now.s += 1.0
+        assert await one.take(surface_of(), batch_of(*REST), {}) == (None, None)
+        assert asked == ["press-7", "press-8", "press-7"]
+
+
 @pytest.mark.parametrize(("error", "reason"), ERRORS)
 async def test_a_commit_that_fails_makes_the_record_away_until_one_succeeds(
     monkeypatch: pytest.MonkeyPatch, error: Exception, reason: str

@@ -34,7 +34,7 @@ COMMIT_S = 1.0
 LOAD_S = 0.4
 """A batch waits this long for what is on record of its boot; without it, its samples come again."""
 REST_S = 1.0
-"""Pause after the record could not be read."""
+"""Pause after the record of a surface could not be read."""
 AWAY_S = 15.0
 """Time after which the record counts as away if it has not answered."""
 STOP_S = 2.0
@@ -68,7 +68,9 @@ class Recorder:
         """When the commit that runs began [s, monotonic]."""
         self._writer = Writer(self.transactions)
         self.readers = Readers(self.transactions.database)
-        self._resume_s = self._tidied_s = float("-inf")
+        self._resume_s: dict[str, float] = {}
+        """Surface -> time from which on its record is read again after a failure [s, monotonic]."""
+        self._tidied_s = float("-inf")
         self._upkeep: asyncio.Task[None] | None = None
 
     def watch(self, surface: Surface) -> None:
@@ -141,7 +143,7 @@ class Recorder:
 
     async def _load(self, surface: Surface, batch: Batch) -> None:
         """Read what is on record of the boot of a batch, unless that takes long."""
-        if time.monotonic() < self._resume_s:
+        if time.monotonic() < self._resume_s.get(surface.name, 0.0):
             return
         key = surface.name, batch.boot_id
         if key not in self._loads:
@@ -151,18 +153,23 @@ class Recorder:
             await asyncio.wait([load], timeout=LOAD_S)
 
     async def _read(self, surface: Surface, batch: Batch) -> None:
-        model = surface.model
+        """Read what is on record of the boot of a batch; after a failure, whatever its cause, not again at once."""
         try:
-            cursors, health_on_record = await self._writer.run(
-                lambda transactions: transactions.load(surface.name, batch.boot_id)
-            )
-        except RecordAwayError as error:
-            self._resume_s = time.monotonic() + REST_S
+            await self._read_boot(surface, batch)
+        except Exception as error:
+            self._resume_s[surface.name] = time.monotonic() + REST_S
             if isinstance(error, UnreadableRowError):
                 self._writer.note_damage(surface.name, str(error))
-            else:
+            elif isinstance(error, RecordAwayError):
                 self._writer.note(str(error))
-            return
+            else:
+                raise
+
+    async def _read_boot(self, surface: Surface, batch: Batch) -> None:
+        model = surface.model
+        cursors, health_on_record = await self._writer.run(
+            lambda transactions: transactions.load(surface.name, batch.boot_id)
+        )
         self._writer.note_damage(surface.name)
         if surface.name not in self._records and model:
             health = await in_thread(lambda: HealthHistory(surface.name, model, health_on_record))
