@@ -80,6 +80,13 @@ def test_clocks_that_drift_apart_are_met_anew(senders: Senders) -> None:
     assert senders.waited_s((senders.bench.now_s - begin_s) * drift) == 0.0
 
 
+@pytest.mark.parametrize("quiet_s", [10.0, 600.0, 3600.0])
+def test_of_a_wait_no_more_stays_unseen_than_clocks_may_have_drifted(senders: Senders, quiet_s: float) -> None:
+    senders.waited_s(0.0)
+    senders.bench.now_s += quiet_s
+    assert 2.0 - 200e-6 * quiet_s - 1e-3 <= senders.waited_s(2.0) <= 2.0 + 1e-3
+
+
 def test_a_clock_that_lost_time_counts_as_a_wait_for_a_minute_only(senders: Senders) -> None:
     senders.waited_s(0.0)
     waited_s = []

@@ -1,7 +1,8 @@
 """Arrival times of batches, as far as neither side can see them, and the times at which samples were taken.
 
 Pure: the caller gives the time in seconds. A batch may wait twice: in a queue of a kernel or of a balancer on its path,
-and before a service that stands still. A doubt makes its samples older, never younger.
+and before a service that stands still. A doubt makes its samples older, but for one that only time could resolve: of a
+wait on the path, `MAX_DRIFT` of the time without batches before it may stay unseen (decision 002).
 """
 
 import math
