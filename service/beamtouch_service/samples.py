@@ -14,7 +14,7 @@ from beamtouch_common.names import Name
 
 MAX_CHANNELS = 64
 MAX_SAMPLES = 2000
-"""Limit for a batch. The next batch of its surface waits until its samples are estimated."""
+"""Limit for a batch. The next batch of its surface waits until its samples are estimated; long ones of others, too."""
 MAX_READINGS = 1_000_000
 """Limit for a sample."""
 MAX_AGE_MS = 1e12

@@ -99,7 +99,7 @@ class Boot:
                 await self.changed.wait()
 
     def acknowledge(self, receipt: Receipt) -> None:
-        """Forget what is durable. Receipts may come late, so that only ever grows."""
+        """Forget what is durable. Receipts may come late: what one says of fewer samples changes nothing in the log."""
         self.last_receipt_s = monotonic()
         self.pace.stale_s = receipt.stale_ms / 1e3
         self.refusal = ""
@@ -142,7 +142,7 @@ class SurfaceLogs:
         """A line that carries less than is measured, or carries a backlog slowly."""
         self.by_boot: dict[str, Boot] = {}
         self.present: Boot | None = None
-        """That of the worker; None if the surface is not configured."""
+        """That of this start of the daemon; None if the surface is not configured."""
 
     @property
     def in_memory(self) -> int:

@@ -1,1 +1,1 @@
-"""The running daemon: a worker per surface, supervision, metrics, systemd."""
+"""The running daemon: acquisition and delivery of each surface, supervision, metrics, systemd."""

@@ -65,7 +65,7 @@ class Acquisition:
         self.surface = surface
         self.boot = boot
         self.readings = 0
-        """TimedSample."""
+        """Number of readings since the start."""
         self.lost = 0
         """Due, but not taken, or not processed because of an unexpected error."""
         self.is_missing = True

@@ -1,7 +1,7 @@
 """Records the contacts of all surfaces: every sample once and in order, whatever happens to this service.
 
-What is taken into the record is in memory until a commit (see `record.LATE_S`) writes the events, the memory of the
-decision and the cursor of each boot in one transaction. The sender keeps each sample until then.
+What is taken into the record is in memory until a commit (see `surface_record.LATE_S`) writes the events, the memory
+of the decision and the cursor of each boot in one transaction. The sender keeps each sample until then.
 """
 
 import asyncio

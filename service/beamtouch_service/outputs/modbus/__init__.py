@@ -1,1 +1,1 @@
-"""Contacts as Modbus input registers, for controllers that know no HTTP. Knows no socket and no clock."""
+"""Contacts as Modbus input registers, for controllers that know no HTTP. Only `server` knows sockets and the clock."""
