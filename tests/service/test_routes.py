@@ -135,6 +135,25 @@ def test_a_failure_inside_is_a_problem_without_its_traceback(bench: Bench, monke
         assert "secret" not in response.text
 
 
+def test_failures_inside_are_logged_with_their_traceback_once_a_minute_each(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise RuntimeError(f"bug {arguments}")
+
+    def fail_otherwise(*_: object) -> None:
+        raise KeyError("bug")
+
+    (surface,) = bench.app.context.registry
+    monkeypatch.setattr(surface, "begin", fail)
+    for sequence in range(1, 21):
+        assert kind(bench.post(batch_of(sequence=sequence))) == "internal"
+    monkeypatch.setattr(surface, "begin", fail_otherwise)
+    assert kind(bench.post(batch_of())) == "internal"
+    errors = [one.exc_info[0] for one in caplog.records if one.levelname == "ERROR" and one.exc_info]
+    assert errors == [RuntimeError, KeyError]
+
+
 @pytest.mark.promise("docs/reference/http.md", "The stream sends an event `state` after each change")
 def test_a_stream_says_the_state_when_it_changes_and_each_second(bench: Bench) -> None:
     bench.send()

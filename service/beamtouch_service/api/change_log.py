@@ -1,8 +1,9 @@
-"""The log of what changes about surfaces and their senders, and of refused requests. Lines are limited in rate."""
+"""The log of what changes about surfaces and their senders, and of refused and failed requests, limited in rate."""
 
 import logging
 from collections.abc import Callable
 from time import monotonic
+from traceback import extract_tb
 
 from beamtouch_common.log_lines import Repeated
 from beamtouch_common.spans import apart, are_apart
@@ -37,6 +38,13 @@ class ChangeLog:
         self._findings: dict[str, str | None] = {}
         """Finding on the wiring of each surface, as it was logged."""
         self._sender_changes: dict[str, int] = {}
+
+    def log_failure(self, error: Exception) -> None:
+        """Log an unexpected error that ended a request, with its traceback, once per minute and line that raised it."""
+        # Not by its words: a client may choose those.
+        places = [f"{one.filename}:{one.lineno}" for one in extract_tb(error.__traceback__)[-1:]]
+        if line := self._minutely.line_if_due("an error ended a request", f"{type(error).__name__} {places}"):
+            _log.error("%s", line, exc_info=error)
 
     def log_changes(self, surface: Surface, now_s: float) -> None:
         """Log what is new about a surface and its senders at `now_s` [s]."""

@@ -1,6 +1,5 @@
 """The token that each route needs, and the layer around all routes: headers, HEAD, errors of last resort."""
 
-import logging
 from asyncio import CancelledError
 
 from fastapi import APIRouter, Security, params
@@ -12,8 +11,6 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import errors, openapi
 from beamtouch_service.api.context import context_of
 from beamtouch_service.problems import ProblemError
-
-_log = logging.getLogger(__name__)
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -95,7 +92,7 @@ class Gate:
             # Only the server cancels a request, at the end of its patience with a client that does not read.
             return
         except Exception as error:
-            _log.exception("an error ended a request")
+            context_of(scope).change_log.log_failure(error)
             if started:
                 raise
             await errors.internal(scope, error)(scope, receive, guarded)
