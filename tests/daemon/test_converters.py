@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from support.surfaces import configs
@@ -113,3 +114,15 @@ def test_an_address_that_is_none_is_refused(
 ) -> None:
     said = refused("check", configs.write(tmp_path, configs.surface(source=source(port))))
     assert "give the path of a serial device, or tcp://HOST:PORT of a serial converter" in said
+
+
+@pytest.mark.timeout(100)
+async def test_a_line_that_babbles_between_answers_is_read_as_before() -> None:
+    """Frames are looked for in a time that grows with the bytes; with their square, this takes an hour."""
+    babble = np.random.default_rng(1).bytes(100_000)
+    unit = NumberingUnit(lambda _number, frame: [(0.0, frame), (0.01, babble)])
+    async with serial_converter() as line, rtu_units(line, {1: unit}):
+        table = f'kind = "modbus-rtu"\nport = "{line.path}"\ntimeout_ms = 1000\nunit = 1'
+        readings, errors = await take_across_sessions(source_in({}, table, ["register = 0"], 20.0), 3)
+    assert len(readings) >= 3
+    assert errors == []

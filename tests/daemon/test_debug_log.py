@@ -11,6 +11,7 @@ import pytest
 
 import beamtouch_daemon
 from beamtouch_daemon import cli
+from beamtouch_daemon.sources import rtu_line
 from beamtouch_daemon.sources.frame_words import describe_received, describe_request, in_hex
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_frames import encode
@@ -58,22 +59,43 @@ async def test_each_request_and_answer_of_a_bus_is_logged_in_hexadecimal(caplog:
     [
         (
             lambda _number, _frame: [],
-            "ms: not a byte came; no intact frame has come since the port was opened; check supply, A and B, baud, "
-            "parity and the number of the unit: with the daemon stopped, `beamtouch-daemon scan PORT` tries the last",
+            "ms: not a byte came; no intact frame has come since the port was opened; silence has many reasons: with "
+            "the daemon stopped, `beamtouch-daemon scan PORT` finds baud, parity and number; if it finds no unit, "
+            "exchange A and B, then check the supply",
         ),
         (lambda number, frame: [(0.0, frame)] if number < 9 else [], "not a byte came; the last intact frame came 0."),
         (lambda number, frame: [(0.0, frame)] if number < 9 else [], "unit 1 has answered before: check its supply"),
-        (lambda _number, _frame: [(0.0, b"\0"), (0.01, b"\0\xff")], "only 00 and ff: A and B swapped, or no bias"),
-        (lambda _number, frame: [(0.0, b"\xff" + frame)], "1 byte came before it (ff): stray bytes: noise, no bias"),
-        (lambda _number, frame: [(0.0, frame + b"\xfe")], "1 byte came after it (fe): stray bytes: noise, no bias"),
+        (
+            lambda _number, _frame: [(0.0, b"\0"), (0.01, b"\0\xff")],
+            "only 00 and ff, so the line has no level between frames: exchange A and B",
+        ),
+        (
+            lambda _number, frame: [(0.0, b"\xff" + frame)],
+            "1 byte came before it (ff): stray bytes, harmless while answers come",
+        ),
+        (
+            lambda _number, frame: [(0.0, frame + b"\xfe")],
+            "1 byte came after it (fe): stray bytes, harmless while answers come",
+        ),
         (
             lambda _number, frame: [(0.0, frame + frame)],
-            "a second answer of unit 1 to one request: two units with this",
+            "a second answer of unit 1 to one request, equal to the first: an adapter that repeats, or two units",
         ),
-        (lambda _number, frame: [(0.0, frame), (0.01, frame)], "a second answer of unit 1 to one request: two units"),
-        (lambda _number, frame: [(0.08, frame)], "the late answer of unit 1 to the request before, within "),
+        (
+            lambda _number, frame: [(0.0, frame), (0.01, frame)],
+            "a second answer of unit 1 to one request, equal to the first: an adapter that repeats, or two units",
+        ),
+        (
+            lambda _number, frame: [(0.0, frame), (0.01, with_crc(frame[:-3] + b"\xf0"))],
+            "a second answer of unit 1 to one request, unlike the first: two units have the number 1",
+        ),
+        (lambda _number, frame: [(0.08, frame)], "the late answer of unit 1 to the request before, read "),
         (lambda _number, frame: [(0.0, frame[:-3])], "which breaks off after 6 of 9 bytes"),
-        (lambda _number, frame: [(0.0, frame[:-1] + bytes([frame[-1] ^ 1]))], "with a wrong checksum"),
+        (lambda _number, frame: [(0.0, frame[:-1] + bytes([frame[-1] ^ 1]))], "and none was intact: probably two"),
+        (
+            lambda number, frame: [(0.0, frame if number % 9 else frame[:-1] + bytes([frame[-1] ^ 1]))],
+            "an answer of unit 1 with a wrong checksum, where others were intact: a bad line (wiring, ",
+        ),
         (lambda _number, frame: [(0.0, with_crc(b"\5" + frame[1:-2]))], "an intact answer of unit 5"),
         (lambda _number, _frame: [(0.0, bytes([0x00, 0xF8, 0x80, 0x00, 0x78]))], "no Modbus frame: another baud rate"),
         (lambda _number, _frame: [(0.0, b"login: raspberry")], "text: 'login: raspberry'"),
@@ -86,10 +108,12 @@ async def test_each_request_and_answer_of_a_bus_is_logged_in_hexadecimal(caplog:
         "noise before",
         "noise after",
         "two units at once",
+        "an answer twice",
         "two units one after the other",
         "late",
         "cut off",
         "damaged",
+        "damaged now and then",
         "another unit",
         "another baud rate",
         "a console",
@@ -103,8 +127,14 @@ async def test_a_bad_line_is_named_by_what_came_instead(
 
 async def test_an_echo_without_an_answer_is_told_from_an_answer(caplog: pytest.LogCaptureFixture) -> None:
     lines = await lines_of(no_fault, caplog, units=2, echo=lambda request: [(0.0, request)])
-    assert [line for line in lines if "the request itself, which an adapter echoes; no intact frame" in line]
-    assert [line for line in lines if "; check supply, A and B, baud, parity and the number of the unit" in line]
+    assert [
+        line
+        for line in lines
+        if "the request itself, which an adapter echoes, and nothing else; no intact frame" in line
+    ]
+    assert [
+        line for line in lines if "; silence has many reasons: with the daemon stopped, `beamtouch-daemon scan" in line
+    ]
 
 
 async def test_a_unit_whose_answers_come_late_is_said_to_be_late_without_the_debug_log() -> None:
@@ -119,6 +149,25 @@ async def test_a_unit_whose_answers_come_late_is_said_to_be_late_without_the_deb
                         with pytest.raises(SourceError) as error:
                             await first_readings(source, 1)
                         said.add(error.value.reason)
+
+
+async def test_a_unit_that_was_late_and_then_sends_nothing_is_silent_and_no_longer_late(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(rtu_line, "LATE_S", 0.5)
+    with terminal() as line:
+        units = {1: NumberingUnit(lambda number, frame: [(0.08, frame)] if number < 5 else []), 2: NumberingUnit()}
+        async with rtu_units(line, units):
+            table = f'kind = "modbus-rtu"\nport = "{line.path}"\ntimeout_ms = 50\nunit = 1'
+            source = source_in({}, table, ["register = 0"], 50.0)
+            said = list[str]()
+            with source.kept_open():
+                async with asyncio.timeout(60):
+                    while not (said and said[-1].endswith("unit 1 does not answer within 50 ms")):
+                        with pytest.raises(SourceError) as error:
+                            await first_readings(source, 1)
+                        said.append(error.value.reason)
+    assert [reason for reason in said if reason.endswith("its answers come late")]
 
 
 async def test_an_echo_before_each_answer_is_named(caplog: pytest.LogCaptureFixture) -> None:
@@ -169,19 +218,42 @@ async def test_nothing_of_a_line_is_logged_unless_it_is_asked_for(caplog: pytest
         (b"\0" + ANSWER[:6], "the beginning of an answer of unit 1, which breaks off after 6 of 9 bytes"),
         (b"\1", "1 byte came (01): too few bytes to tell"),
         (b"\0\xff", "2 bytes came (00 ff): too few bytes to tell"),
-        (b"\0", "1 byte came (00): only 00 and ff: A and B swapped"),
+        (b"\0", "1 byte came (00): only 00 and ff, so the line has no level"),
         (ANSWER[:2], "2 bytes came (01 04): too few bytes to tell"),
         (b"\xff" + ANSWER[:2], "the beginning of an answer of unit 1, which breaks off after 2 of 5 bytes"),
         (ANSWER[:3], "the beginning of an answer of unit 1, which breaks off after 3 of 9 bytes"),
         (ANSWER[:8], "the beginning of an answer of unit 1, which breaks off after 8 of 9 bytes"),
         (bytes([1, 0x84, 2, 0]), "the beginning of an answer of unit 1, which breaks off after 4 of 5 bytes"),
-        (bytes([1, 0x84, 2, 0, 0]), "the beginning of an answer of unit 1, with a wrong checksum"),
+        (bytes([1, 0x84, 2, 0, 0]), "an answer of unit 1 with a wrong checksum, and none was intact"),
         (bytes([2, 4, 4, 0]), "no Modbus frame: another baud rate or parity"),
         (REQUEST + ANSWER[:8], "the request itself, which an adapter echoes, then the beginning of an answer"),
     ],
 )
 def test_bytes_that_are_no_answer_are_named(came: bytes, words: str) -> None:
     assert words in describe_received(came, REQUEST, 1)
+
+
+def test_an_answer_that_is_damaged_beside_intact_ones_is_the_fault_of_the_line() -> None:
+    words = describe_received(bytes([1, 0x84, 2, 0, 0]), REQUEST, 1, has_answered=True)
+    assert "an answer of unit 1 with a wrong checksum, where others were intact: a bad line" in words
+
+
+TRAFFIC = bytes.fromhex("290808b1 290808b2 290808")
+
+
+@pytest.mark.parametrize(
+    ("came", "request_sent", "words"),
+    [
+        (TRAFFIC, b"", "another master is on the line, at another baud rate or parity"),
+        (TRAFFIC[:-1], b"", "no Modbus frame: another baud rate"),
+        (TRAFFIC, REQUEST, "no Modbus frame: another baud rate"),
+    ],
+    ids=["three times", "twice", "after a request"],
+)
+def test_bytes_that_repeat_though_nothing_was_asked_are_of_another_master(
+    came: bytes, request_sent: bytes, words: str
+) -> None:
+    assert words in describe_received(came, request_sent, 1 if request_sent else None)
 
 
 def test_bytes_before_any_request_may_be_of_any_unit() -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -19,11 +20,23 @@ from beamtouch_daemon.sources.frame_words import (
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Answer, Block, answer_to
 from beamtouch_daemon.sources.requests import Failure, exception_words, insist
-from beamtouch_daemon.sources.rtu_frames import ENVELOPE_BYTES, READ_FUNCTIONS, answers_of, encode
+from beamtouch_daemon.sources.rtu_frames import (
+    ENVELOPE_BYTES,
+    MAX_FRAME_BYTES,
+    READ_FUNCTIONS,
+    answers_of,
+    encode,
+    senders_of,
+)
 from beamtouch_daemon.sources.serial_port import SerialPort
 
 QUIET_S = (0.1, 0.5)
 """Bounds of the silence that a proof needs at the start of a session; in between, it is one timeout."""
+RECENT_BYTES = 4096
+"""Frames that nobody waits for are looked for among so many of the newest bytes, more than a line carries in a tenth of
+a second. A line that babbles, or a converter that had stored much, must not hold up other surfaces."""
+LATE_S = 10.0
+"""A unit whose answer came late, and that then sends nothing, is said to be late for so long."""
 _logger = logging.getLogger(__name__)
 
 
@@ -50,8 +63,8 @@ class RtuLine:
         """The last request that is over; None if it was answered, unless the debug log is to tell a second answer."""
         self._answering = set[int]()
         """Units that have answered, for the debug log."""
-        self._late = set[int]()
-        """Units whose last answer came after its timeout."""
+        self._late_s = dict[int, float]()
+        """Time of the last answer of a unit that came after its timeout; none if one has come in time since."""
 
     async def exchange(self, address: int, block: Block, timeout_s: float) -> Answer:
         """Send a request to a unit; return its answer or refusal, NoAnswerError if neither comes intact in time."""
@@ -60,23 +73,27 @@ class RtuLine:
             asked_s, came, received = uptime_s(), b"", b""
             self.port.send(request)
             while (left_s := asked_s + timeout_s - uptime_s()) > 0:
-                came += await self.port.receive(left_s)
+                came += (arrived := await self.port.receive(left_s))
                 received = came.replace(request, b"")  # adapters may echo
-                for end, data in answers_of(address, received):
+                start = max(0, len(received) - len(arrived) - MAX_FRAME_BYTES)
+                for end, data in answers_of(address, received, start):
                     if answer := answer_to(block, data, asked_s):
                         self.port.traffic.note_frame(uptime_s())
+                        begin = end - len(data) - ENVELOPE_BYTES
+                        self._take_unexpected(received[:begin])
                         self._take_unexpected(received[end:])
-                        self._late.discard(address)
+                        self._late_s.pop(address, None)
                         if _logger.isEnabledFor(logging.DEBUG):
-                            self._debug_answer(address, block, came, (end - len(data) - ENVELOPE_BYTES, end), answer)
+                            self._debug_answer(address, block, came, (begin, end), answer)
                         else:
                             self._earlier = None
                         return answer
             self._note(received)
             self._debug_silence(address, block, came, timeout_s)
-            self._earlier = Request(address, block, asked_s, is_answered=False)
+            self._earlier = Request(address, block, asked_s)
         within = f"within {timeout_s * 1e3:.0f} ms"
-        if any(answers_of(address, received)) or (address in self._late and not received):
+        is_late = uptime_s() - self._late_s.get(address, -math.inf) < LATE_S
+        if any(answers_of(address, received)) or (is_late and not received):
             raise NoAnswerError(f"unit {address} answers, but not {within}: its answers come late", Failure.LATE)
         if received:
             raise NoAnswerError(f"unit {address} does not answer intact {within}", Failure.DAMAGED)
@@ -95,7 +112,7 @@ class RtuLine:
 
     def _note(self, received: bytes) -> None:
         """Note what came beside the answers: frames of other units, or something else."""
-        senders = {address for address in received if any(answers_of(address, received))}
+        senders = senders_of(received[-RECENT_BYTES:])
         self._answering |= senders
         if senders:
             self.port.traffic.note_frame(uptime_s())
@@ -106,8 +123,9 @@ class RtuLine:
         """Write an answer to the debug log, and what came beside it; without echo, it begins and ends at `place`."""
         now_s, request, (begin, end) = uptime_s(), encode(address, block), place
         received = came.replace(request, b"")
+        request_sent = Request(address, block, answer.asked_s, received[begin:end])
         beside = describe_beside(
-            received[:begin], received[end:], address, block, self._earlier, now_s, is_echoed=received != came
+            received[:begin], received[end:], request_sent, self._earlier, now_s, is_echoed=received != came
         )
         remarks = [exception_words(answer.exception)] if answer.exception else []
         remark = "".join(f"; {words}" for words in (*remarks, beside) if words)
@@ -115,16 +133,16 @@ class RtuLine:
         words = "%s: %s; answered after %.1f ms (%s)%s"
         _logger.debug(words, self.port.path, asked, took_ms, in_hex(came), remark)
         self._answering.add(address)
-        self._earlier = Request(address, block, answer.asked_s, is_answered=True)
+        self._earlier = request_sent
 
     def _debug_silence(self, address: int, block: Block, came: bytes, timeout_s: float) -> None:
         """Write to the debug log that no answer came, what came instead, and what to check."""
         if _logger.isEnabledFor(logging.DEBUG):
             now_s, request, path = uptime_s(), encode(address, block), self.port.path
-            instead = describe_received(came, request, address, self._earlier, now_s)
-            remark = ""
+            has_answered, remark = address in self._answering, ""
+            instead = describe_received(came, request, address, self._earlier, now_s, has_answered=has_answered)
             if not came.replace(request, b""):
-                has_answered, others = address in self._answering, bool(self._answering - {address})
+                others = bool(self._answering - {address})
                 advice = describe_silence(path, address, has_answered=has_answered, others_answer=others)
                 remark = f"; {advice}"
             last, asked = self.port.traffic.describe_last_frame(now_s), describe_request(address, block, request)
@@ -137,13 +155,14 @@ class RtuLine:
         async with self._lock:
             await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
             unexpected = self.port.take()
+            recent = unexpected[-RECENT_BYTES:]
             if unexpected and _logger.isEnabledFor(logging.DEBUG):
-                words = describe_received(unexpected, earlier=self._earlier, now_s=self.port.taken_s)
+                words = describe_received(recent, earlier=self._earlier, now_s=self.port.taken_s)
                 _logger.debug("%s: before a request %s", self.port.path, words)
             self._note(unexpected)
-            if self._earlier is not None and not self._earlier.is_answered and holds_answer(unexpected, self._earlier):
-                self._late.add(self._earlier.address)
-            self._take_unexpected(unexpected)
+            if self._earlier is not None and not self._earlier.answer and holds_answer(recent, self._earlier):
+                self._late_s[self._earlier.address] = uptime_s()
+            self._take_unexpected(recent)
             try:
                 yield unexpected
             finally:
