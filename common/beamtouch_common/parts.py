@@ -27,6 +27,8 @@ class Parts:
         """Part -> how often an error ended it."""
         self._logger = logger
         self._attempts = Repeated(logger)
+        self._attempted: dict[str, dict[str, str]] = {}
+        """Part -> for whom its last attempt failed, and with what error."""
 
     async def keep(
         self, name: str, work: Callable[[], Awaitable[None]], expected: type[Exception] | tuple[()] = ()
@@ -53,21 +55,26 @@ class Parts:
             await asyncio.sleep(pause_s)
 
     @contextmanager
-    def attempt(self, name: str) -> Iterator[None]:
+    def attempt(self, name: str, whose: str = "") -> Iterator[None]:
         """Go on after an error of a part that works in this block, and is called again and again.
 
-        It is named until it succeeds.
+        It is named until it succeeds for everybody (`whose`, such as a surface) for whom it failed.
         """
+        failed = self._attempted.setdefault(name, {})
+        of_whom = f"{name} of {whose}" if whose else name
         try:
             yield
         except Exception as error:  # a fault of one part must not stop the others
             self.failures[name] = self.failures.get(name, 0) + 1
-            self.failing[name] = f"unexpected error ({error!r})"
-            if line := self._attempts.line_if_due(f"{name}: unexpected error; all else goes on", f"{name} {error!r}"):
+            failed[whose] = f"unexpected error ({error!r})"
+            words = f"{of_whom}: unexpected error; all else goes on"
+            if line := self._attempts.line_if_due(words, f"{of_whom} {error!r}"):
                 self._logger.critical("%s", line, exc_info=error)
         else:
-            if self.failing.get(name):
-                self._note_recovery(name)
+            if failed.pop(whose, "") and (line := self._attempts.line_if_due(f"{of_whom}: runs again")):
+                self._logger.info("%s", line)
+        if failed or name in self.failing:
+            self.failing[name] = next(iter(failed.values()), "")
 
     def _note(self, name: str, error: Exception, pause_s: float, repeated: Repeated) -> None:
         self.failures[name] += 1

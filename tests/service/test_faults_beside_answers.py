@@ -15,7 +15,8 @@ from beamtouch_service.outputs.modbus.blocks import Blocks
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from beamtouch_service.outputs.modbus.server import _Connections
 from beamtouch_service.record import Recorder
-from service.bench import TOKEN, Bench, batch_of
+from beamtouch_service.surfaces.surface import Surface
+from service.bench import TOKEN, Bench, batch_of, surface_of
 from service.event_story import RESTING, TOUCHING
 from service.process.modbus_service import frame, request
 
@@ -63,7 +64,32 @@ def test_a_fault_beside_the_answer_holds_up_no_answer_and_is_named_until_it_is_g
     assert bench.post(batch_of(RESTING, sequence=4)).status_code == 200
     assert missing(bench, part) is None
     lines = [line for line in caplog.messages if line.startswith(part)]
-    assert lines == [f"{part}: unexpected error; all else goes on", f"{part}: runs again"]
+    assert lines == [f"{part} of press-7: unexpected error; all else goes on", f"{part} of press-7: runs again"]
+
+
+def test_a_part_that_fails_for_one_surface_is_named_while_it_works_for_another(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "beamtouch_service")
+    bench, log_changes = Bench(surface_of(), surface_of("press-8")), ChangeLog.log_changes
+
+    def fail_for_one(log: ChangeLog, surface: Surface, now_s: float) -> None:
+        if surface.name == "press-7":
+            fail()
+        log_changes(log, surface, now_s)
+
+    with monkeypatch.context() as faulty:
+        faulty.setattr(ChangeLog, "log_changes", fail_for_one)
+        for sequence in range(1, 30):
+            for name in ("press-7", "press-8"):
+                assert bench.post(batch_of(TOUCHING, sequence=sequence), f"/surfaces/{name}/samples").status_code == 200
+            assert missing(bench, "change log") == "unexpected error (ZeroDivisionError('in a test'))"
+    bench.post(batch_of(TOUCHING, sequence=30), "/surfaces/press-7/samples")
+    assert missing(bench, "change log") is None
+    assert [line for line in caplog.messages if line.startswith("change log")] == [
+        "change log of press-7: unexpected error; all else goes on",
+        "change log of press-7: runs again",
+    ]
 
 
 def test_without_the_record_a_receipt_says_that_nothing_is_durable_and_the_samples_come_again(

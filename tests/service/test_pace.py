@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beamtouch_service.surfaces.pace import ALIVE_S, Pace
-from service.bench import Row, parsed, surface_of
+from service.bench import Row, parsed, surface_of, surface_with
 from service.event_story import RESTING, TOUCHING
 
 
@@ -80,6 +80,32 @@ def test_a_surface_is_due_when_it_becomes_stale_and_then_each_second(press: Pres
     assert look_s + ALIVE_S <= again_s + 1e-9
     assert again_s - look_s < 1
     assert pace.due(again_s + 1e-6) == [press.surface]
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_problem_that_stays_is_looked_at_again_only_when_it_is_due(*, at_once: bool) -> None:
+    without_model = Press()
+    without_model.surface = surface_with(None)
+    pace = Pace([without_model.surface], turn_s=0.05, tells_status_at_once=at_once)
+    without_model.take(TOUCHING, 10.0)
+    pace.note_told([without_model.surface], 10.0)
+    now_s, looks = 10.0, 0
+    while not pace.due(now_s):
+        now_s, looks = now_s + pace.wait_s(now_s), looks + 1
+        assert looks <= 2
+    assert now_s == pytest.approx(10.0 + ALIVE_S)
+
+
+def test_a_surface_that_was_told_as_stale_within_the_last_millisecond_is_not_looked_at_again_and_again(
+    press: Press,
+) -> None:
+    pace = Pace([press.surface], turn_s=0.05)
+    press.take(TOUCHING, 10.0)
+    pace.note_told([press.surface], 10.0)
+    told_s = 10.5005
+    assert pace.due(told_s) == [press.surface]
+    pace.note_told([press.surface], told_s)
+    assert pace.wait_s(10.502) == pytest.approx(told_s + ALIVE_S - 10.502)
 
 
 @pytest.mark.promise("docs/how-to/mqtt.md", "and at least each second.")

@@ -61,10 +61,10 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         )
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
-    with context.parts.attempt("change log"):
+    with context.parts.attempt("change log", name):
         context.change_log.log_changes(surface, begin_s)
     durable = expected = None
-    with context.parts.attempt("record samples"):
+    with context.parts.attempt("record samples", name):
         durable, expected = await context.recorder.take(surface, batch, received.weighed(surface.model))
     receipt = Receipt(
         accepted=received.accepted,
@@ -90,7 +90,7 @@ def _follow(context: Context, surface: Surface, batch: Batch, received: Received
     """Move the answer by one sample after another, and the commissioning with it."""
     heard = 0
     for step in received.steps:
-        with context.parts.attempt("commissioning"):
+        with context.parts.attempt("commissioning", surface.name):
             yield from context.commissioning_runs.take(surface, batch, received.decisions[heard:])
         heard = len(received.decisions)
         yield step

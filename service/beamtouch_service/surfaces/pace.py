@@ -82,7 +82,8 @@ class Pace:
         looks_s = [told.at_s + ALIVE_S]
         if surface.newest:
             stale_s = surface.newest.acquired_s + surface.stale_ms / 1e3 + _AFTER_LIMIT_S
-            if stale_s > told.at_s:
+            # A state ends there for certain. A problem may stay as it is, and must not be looked at again and again.
+            if stale_s > (told.at_s if isinstance(told.status, State) else now_s):
                 looks_s.append(stale_s)
             if self._next_turn_s > now_s and surface.newest is not told.newest:
                 looks_s.append(self._next_turn_s)
