@@ -12,7 +12,7 @@ import pytest
 import beamtouch_daemon
 from beamtouch_daemon import cli
 from beamtouch_daemon.sources import rtu_line
-from beamtouch_daemon.sources.frame_words import describe_received, describe_request, in_hex
+from beamtouch_daemon.sources.frame_diagnosis import describe_received, describe_request, in_hex
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_frames import encode
 from support.surfaces import configs

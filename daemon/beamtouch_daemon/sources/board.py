@@ -15,7 +15,7 @@ from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.clock import HostClock
-from beamtouch_daemon.sources.frame_words import in_hex
+from beamtouch_daemon.sources.frame_diagnosis import in_hex
 from beamtouch_daemon.sources.kept_port import KeptPort
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.requests import Requests

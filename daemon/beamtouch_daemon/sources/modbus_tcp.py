@@ -11,7 +11,7 @@ from pymodbus.framer import FramerSocket
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.converter import connect
-from beamtouch_daemon.sources.frame_words import describe_request, in_hex
+from beamtouch_daemon.sources.frame_diagnosis import describe_request, in_hex
 from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError, no_connection
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from beamtouch_common.uptime import uptime_s
-from beamtouch_daemon.sources.frame_words import (
+from beamtouch_daemon.sources.frame_diagnosis import (
     Request,
     describe_beside,
     describe_received,

@@ -14,8 +14,8 @@ from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
 from beamtouch_service.surfaces.fields import Contact, encode
 from beamtouch_service.surfaces.model_description import ModelDescription, describe_model
 from beamtouch_service.surfaces.order import SampleCounts
-from beamtouch_service.surfaces.problems import no_model
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.surface_problems import no_model
 
 contact_router = gate.make_router("contact", Role.READ)
 router = gate.make_router("surfaces", Role.READ)

@@ -9,8 +9,8 @@ from beamtouch_service.commissioning.run import CommissioningRun, PressDecision
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.follower import Decision
-from beamtouch_service.surfaces.problems import no_model
 from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.surface_problems import no_model
 
 _HIDING_PRESSES = {Kind.NO_MODEL, Kind.NO_SAMPLES, Kind.STALE, Kind.OTHER_BEAM}
 """Problems while which no press can be seen. Any other problem may have the cause that commissioning looks for."""

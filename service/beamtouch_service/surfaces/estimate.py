@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beamtouch_models.runtime import Answers, Evidence, ModelFile, Weighed, evidence
 from beamtouch_service.problems import Problem
 from beamtouch_service.samples import Batch, Quality, Sample
-from beamtouch_service.surfaces.problems import too_few_channels, unusable_estimate
+from beamtouch_service.surfaces.surface_problems import too_few_channels, unusable_estimate
 
 CHUNK = 64
 """Samples that are weighed together, in about a millisecond. More would save no time."""

@@ -27,7 +27,7 @@ from beamtouch_service.surfaces.contact import (
     require_usable,
 )
 from beamtouch_service.surfaces.estimate import Estimate, Estimator
-from beamtouch_service.surfaces.problems import unusable_estimate
+from beamtouch_service.surfaces.surface_problems import unusable_estimate
 from beamtouch_service.surfaces.warmth import Warmth
 from beamtouch_service.surfaces.zones import NO_ZONES, ZoneEvidence, ZoneFollower, ZoneReport
 

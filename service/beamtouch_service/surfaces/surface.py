@@ -13,7 +13,7 @@ from beamtouch_models.runtime import ModelFile
 from beamtouch_service.problems import Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Quality, Sample
 from beamtouch_service.sections import SurfaceSection
-from beamtouch_service.surfaces import problems
+from beamtouch_service.surfaces import surface_problems
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, SurfaceHealth
 from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.follower import Decision, Follower
@@ -163,7 +163,7 @@ class Surface:
             raise ProblemError(problem)
         missing = [name for name in self.model.channels if name not in batch.channels] if self.model else []
         if missing:
-            raise ProblemError(problems.missing_channels(self.name, missing))
+            raise ProblemError(surface_problems.missing_channels(self.name, missing))
 
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float, received: Received) -> Iterator[None]:
         """Move the contact to new samples, one after another."""
@@ -214,16 +214,16 @@ class Surface:
     ) -> Problem | None:
         """Return the problem that prevents a contact at `now_s` [s, monotonic]; None if there is none."""
         if model is None:
-            return problems.no_model(self.name, self.model_error)
+            return surface_problems.no_model(self.name, self.model_error)
         other_beam = self._other_beam(self.sender_beam) if now_s - self._sender_s <= SENDER_GONE_S else None
         if other_beam and not is_current:
             return other_beam
         if newest is None:
-            return problems.no_samples(self.name)
+            return surface_problems.no_samples(self.name)
         if not is_current:
-            return problems.stale(self.name, newest.age_ms(now_s), self.stale_ms)
+            return surface_problems.stale(self.name, newest.age_ms(now_s), self.stale_ms)
         # A model that came after the newest sample has not seen it.
-        return newest.decided[1].problem if newest.decided else problems.no_samples(self.name)
+        return newest.decided[1].problem if newest.decided else surface_problems.no_samples(self.name)
 
     def find_fault(self, now_s: float) -> Problem | None:
         """Return the first reason for which a technician must come at `now_s` [s, monotonic]; None without one.
@@ -235,13 +235,13 @@ class Surface:
         if view.decision is None:
             return view.problem
         if view.totals.channels_out:
-            return problems.channels_out(self.name, view.totals.channels_out)
+            return surface_problems.channels_out(self.name, view.totals.channels_out)
         if Note.ZEROS in view.notes:
-            return problems.zeros_moved(self.name)
+            return surface_problems.zeros_moved(self.name)
         if view.totals.unexplained.is_overdue:
-            return problems.unexplained(self.name, self.unexplained.after_s, view.decision.suspect)
+            return surface_problems.unexplained(self.name, self.unexplained.after_s, view.decision.suspect)
         changed = [name for name, one in (self.channel_health or {}).items() if one.changed]
-        return problems.changed_channels(self.name, changed) if changed else None
+        return surface_problems.changed_channels(self.name, changed) if changed else None
 
     @property
     def channel_health(self) -> dict[str, ChannelHealth] | None:
@@ -253,7 +253,7 @@ class Surface:
         """Return the problem of samples that state a beam, if it is another one than that of the model."""
         if self.model is None or stated in {None, self.model.metadata.beam}:
             return None
-        return problems.other_beam(self.name, self.model.metadata, stated)
+        return surface_problems.other_beam(self.name, self.model.metadata, stated)
 
 
 def _bad(channels: list[str], sample: Sample) -> dict[str, Quality]:
