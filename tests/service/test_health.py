@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from service.record_days import Days
+from service.record_file import execute
 from service.touches import TouchedLine
 
 BASELINE, CHANGED = 100, 14
@@ -111,3 +112,34 @@ def test_a_clock_that_was_years_ahead_does_not_stop_the_health_of_what_comes_aft
     line.touches.characteristic = "tared-again"
     line.touch(4, now - timedelta(minutes=30))
     assert {one["contacts"] for one in health(line).values()} == {8}
+
+
+@pytest.mark.parametrize(
+    ("damage", "place"),
+    [
+        ("UPDATE health_blocks SET block = substr(block, 2)", "table health_blocks, column block: Extra data"),
+        ("UPDATE health_blocks SET block = '5'", "table health_blocks, column block: Input should be a valid list"),
+        ("UPDATE health_blocks SET first_us = 'abc'", "table health_blocks, column first_us: Input should be"),
+        ("UPDATE health SET newest_us = 'abc'", "table health, column newest_us: Input should be"),
+        ("UPDATE health SET version = 'abc'", "table health, column version: Input should be"),
+        ("UPDATE health SET version = -1", "table health, column version: Input should be"),
+    ],
+)
+def test_a_damaged_health_begins_anew_and_is_named_once(
+    line: TouchedLine, tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: str, place: str
+) -> None:
+    line.touch(1, BEGIN)
+    execute(tmp_path / "events.db", damage)
+    line.start()
+    assert health(line) == {}
+    assert "events" not in line.bench.get("/health/ready").json().get("missing", {})
+    line.touch(4, DAY)
+    assert {(one["contacts"], one["since"][:10]) for one in health(line).values()} == {(4, "2026-03-03")}
+    (said,) = [text for text in caplog.messages if "starts over" in text]
+    assert said.startswith("surface press-7: its health starts over: ")
+    assert place in said
+    line.start()
+    assert {one["contacts"] for one in health(line).values()} == {4}
+    assert caplog.text.count("starts over") == 1
+    assert "the record of events is" not in caplog.text
+    assert "Traceback" not in caplog.text

@@ -75,9 +75,14 @@ def test_while_the_record_is_damaged_answers_go_on_and_the_cursor_stands(
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
-        ("UPDATE cursors SET memory = substr(memory, 2)", "Extra data"),
-        ("UPDATE events SET path = substr(path, 2)", "Extra data"),
-        ("UPDATE events SET kind = 'bontact'", "'bontact' is not among the defined enum values"),
+        ("UPDATE cursors SET memory = substr(memory, 2)", "table cursors, column memory: Extra data"),
+        ("UPDATE cursors SET durable = 'abc'", "table cursors, column durable: Input should be a valid integer"),
+        ("UPDATE events SET path = substr(path, 2)", "table events, column path: Extra data"),
+        (
+            "UPDATE events SET kind = 'bontact'",
+            "table events, column kind: 'bontact' is not among the defined enum values",
+        ),
+        ("UPDATE events SET peak_force_n = 'abc'", "table events, column peak_force_n: Input should be a valid number"),
     ],
 )
 def test_a_row_that_cannot_be_read_is_said_like_any_damage(
@@ -93,9 +98,45 @@ def test_a_row_that_cannot_be_read_is_said_like_any_damage(
         assert story.offer(first, first + 1)["durable"] is None
         assert story.bench.contact()["state"] == "contact"
     refusal = story.bench.get("/health/ready").json()
-    assert refusal["missing"]["events"].startswith(f"a row cannot be read: {reason}")
+    row = "event 1" if "events" in damage else "the cursor of boot boot-0001"
+    assert refusal["missing"]["events"].startswith(f"{row} of surface press-7 cannot be read: {reason}")
     assert story.bench.get("/events?path=true").status_code in {200, 503}
     assert caplog.text.count("the record of events is away") == 1
+    assert "Traceback" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("peak_force_n", "'abc'"),
+        ("touched_us", f"{2**60}"),
+        ("samples", "'abc'"),
+        ("place", "'{\"position\":[1]}'"),
+        ("zones", "'[]'"),
+        ("zones", "'{'"),
+        ("end", "'lost'"),
+        ("best", "'5'"),
+        ("path", "'[[1]]'"),
+        ("capture", "x'ff'"),
+    ],
+)
+def test_each_damage_of_an_event_is_answered_with_its_row_and_leaves_the_others(
+    services: Services, tmp_path: Path, caplog: pytest.LogCaptureFixture, column: str, value: str
+) -> None:
+    path = tmp_path / "events.db"
+    story = services.story(CONTACT * 2, path)
+    story.deliver(0, len(CONTACT) * 2)
+    assert len(story.events) == 2
+    execute(path, f"UPDATE events SET {column} = {value} WHERE id = 2")  # noqa: S608  # of this test
+    assert story.bench.get("/events/1").is_success
+    refusal = story.bench.get("/events/2")
+    assert (refusal.status_code, refusal.headers["retry-after"]) == (503, "1")
+    assert refusal.json()["detail"].startswith(
+        f"event 2 of surface press-7 cannot be read: table events, column {column}: "
+    )
+    assert story.bench.get("/events?path=true").status_code == 503
+    short = {story.bench.get(f"/events?format={one}").status_code for one in ("json", "csv")}
+    assert short == ({200} if column in {"best", "path", "capture"} else {503})
     assert "Traceback" not in caplog.text
 
 

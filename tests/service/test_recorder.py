@@ -24,6 +24,7 @@ from beamtouch_service.surfaces.estimate import Estimate, Estimator
 from beamtouch_service.surfaces.surface import Surface
 from service.bench import Row, parsed, surface_of, surface_with
 from service.event_story import RESTING, TOUCHING
+from service.record_file import execute
 from support.surfaces.small_model import model_of
 
 pytestmark = pytest.mark.anyio
@@ -57,6 +58,31 @@ async def take(one: Recorder, surface: Surface, *rows: Row, first: int = 1, olde
 
 async def commit(one: Recorder) -> None:
     await asyncio.wait([one.commit(everything=True)])
+
+
+async def test_a_damaged_health_is_none_of_an_outage_and_costs_no_other_surface_its_health(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    events = EventsSection(file=tmp_path / "events.db")
+    surfaces = [surface_of("press-7"), surface_of("press-8")]
+    async with recording(events):
+        pass
+    model = surfaces[0].model
+    assert model is not None
+    for surface in surfaces:
+        execute(tmp_path / "events.db", "INSERT INTO health VALUES (?, 1, ?, NULL, 5)", surface.name, model.identity)
+    execute(tmp_path / "events.db", "INSERT INTO health_blocks VALUES ('press-7', 1, 0, '[1,2')")
+    async with recording(events) as one:
+        for surface in surfaces:
+            one.watch(surface)
+        for _ in range(3):
+            await commit(one)
+            assert (one.away_because, one.outages) == ("", 0)
+        assert None not in [surface.health for surface in surfaces]
+        for surface in surfaces:
+            assert await take(one, surface, *REST) == (0, 4)
+    (said,) = [text for text in caplog.messages if "health" in text]
+    assert said.startswith("surface press-7: its health starts over: block 0 of 1 of the health of surface press-7 ")
 
 
 async def test_without_a_model_all_is_durable_and_with_one_that_is_refused_nothing() -> None:

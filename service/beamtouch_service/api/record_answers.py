@@ -9,7 +9,7 @@ from starlette.types import Send
 
 from beamtouch_common.log_lines import Repeated
 from beamtouch_service.api.context import Context, ContextParameter
-from beamtouch_service.record import Reader, RecordAwayError
+from beamtouch_service.record import Reader, RecordAwayError, UnreadableRowError
 
 _log = logging.getLogger(__name__)
 _repeated = Repeated(_log)
@@ -32,8 +32,10 @@ class _Parts(StreamingResponse):
         try:
             await super().stream_response(send)
         except RecordAwayError as error:
-            if _repeated.due(str(error)):
-                _log.warning("an answer from the record broke off: %s", error)
+            # All damaged rows share one limit: a file may have thousands.
+            reason = "damage" if isinstance(error, UnreadableRowError) else str(error)
+            if line := _repeated.line_if_due(f"an answer from the record broke off: {error}", reason):
+                _log.warning("%s", line)
 
 
 async def answer_in_parts(

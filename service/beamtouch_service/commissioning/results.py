@@ -3,7 +3,7 @@
 from sqlalchemy import JSON, Column, String, Table, delete, insert, select
 
 from beamtouch_service.commissioning.report import Recorded, Report
-from beamtouch_service.record import ROW_NUMBER, TABLES, Reader, Transactions
+from beamtouch_service.record import ROW_NUMBER, TABLES, Reader, Rows, Transactions
 
 MAX_KEPT = 20
 """Results that are kept of each surface, however old they are."""
@@ -17,6 +17,7 @@ _RESULTS = Table(
     sqlite_autoincrement=True,
 )
 """A row per confirmed result. It is of people, not of samples, so no cursor knows it."""
+_ROWS = Rows(_RESULTS.name, {"report": Report})
 _c = _RESULTS.c
 
 
@@ -34,10 +35,11 @@ def add(transactions: Transactions, run: str, report: Report) -> int:
 
 
 def read(reader: Reader, surface: str) -> list[Recorded]:
-    """Return the results of a surface, newest first."""
+    """Return the results of a surface, newest first; raises RecordAwayError."""
     query = select(_c.id, _c.report).where(_c.surface == surface).order_by(_c.id.desc())
     results = []
     for row in reader.rows(query):
+        _ROWS.require_whole(f"the result {row.id} of surface {surface}", row._asdict())
         results.append(Recorded.model_validate({"id": row.id, **row.report}))
         reader.rest()
     return results

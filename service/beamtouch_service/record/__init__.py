@@ -8,7 +8,8 @@ database/  tables, and connections to SQLite or PostgreSQL
 forecast   for how long events are kept
 """
 
-from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError
+from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError, UnreadableRowError
+from beamtouch_service.record.database.rows import Rows
 from beamtouch_service.record.database.tables import ROW_NUMBER, TABLES
 from beamtouch_service.record.events.event import Begin, Contradiction, End, Event, EventKind
 from beamtouch_service.record.forecast import describe_kept_days
@@ -27,7 +28,7 @@ from beamtouch_service.record.writing.transactions import Due, Transactions
 
 __all__ = [
     "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Begin", "Contradiction", "Due", "End", "Event", "EventKey", "EventKind",
-    "Reader", "RecordAwayError", "RecordUnusableError", "Recorder", "TooManyReadersError", "Transactions",
-    "describe_kept_days", "find_axes", "find_best_samples", "find_events", "get_recorded_event", "read_best_samples",
-    "read_events",
+    "Reader", "RecordAwayError", "RecordUnusableError", "Recorder", "Rows", "TooManyReadersError", "Transactions",
+    "UnreadableRowError", "describe_kept_days", "find_axes", "find_best_samples", "find_events", "get_recorded_event",
+    "read_best_samples", "read_events",
 ]  # fmt: skip

@@ -12,8 +12,10 @@ from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
+from beamtouch_common.log_lines import Repeated
 from beamtouch_common.threads import in_thread
 from beamtouch_common.uptime import uptime_s
+from beamtouch_models.runtime import ModelFile
 from beamtouch_service.record.database.errors import RecordAwayError, UnreadableRowError
 from beamtouch_service.record.events.changes import Change
 from beamtouch_service.record.events.event import OpenEvent
@@ -37,6 +39,8 @@ REST_S = 1.0
 """Pause after the record of a surface could not be read."""
 AWAY_S = 15.0
 """Time after which the record counts as away if it has not answered."""
+ANEW_S = 86_400.0
+"""Time between two lines of a health that starts over: until it is written anew, it is read with each new boot."""
 STOP_S = 2.0
 """Time for the last commit."""
 TIDY_S = 60.0
@@ -63,6 +67,7 @@ class Recorder:
         self._loads: dict[tuple[str, str], asyncio.Task[None]] = {}
         self._unread: dict[str, Surface] = {}
         """Surfaces of which the health on record has yet to be read."""
+        self._anew = Repeated(_log, every_s=ANEW_S)
         self._commit: asyncio.Task[None] | None = None
         self._begun_s = 0.0
         """When the commit that runs began [s, monotonic]."""
@@ -172,7 +177,7 @@ class Recorder:
         )
         self._writer.note_damage(surface.name)
         if surface.name not in self._records and model:
-            health = await in_thread(lambda: HealthHistory(surface.name, model, health_on_record))
+            health = await self._go_on_with_health(surface.name, model, health_on_record)
             self._records.setdefault(surface.name, SurfaceRecord(surface, model, health))
         if record := self._records.get(surface.name):
             record.put(batch, cursors)
@@ -258,10 +263,17 @@ class Recorder:
         for surface in list(self._unread.values()):
             if model := surface.model:
                 stored = healths.get(surface.name, StoredHealth())
-                history = await in_thread(partial(HealthHistory, surface.name, model, stored))
+                history = await self._go_on_with_health(surface.name, model, stored)
                 if surface.health is None:
                     surface.health = history.state
             self._unread.pop(surface.name, None)
+
+    async def _go_on_with_health(self, surface: str, model: ModelFile, stored: StoredHealth) -> HealthHistory:
+        """Return the health of a surface from what is on record of it, or a new one if that cannot be read."""
+        history = await in_thread(lambda: HealthHistory(surface, model, stored))
+        if why := history.starts_over_because:
+            self._anew.failed(f"surface {surface}: its health starts over: {why}")
+        return history
 
     async def _tidy(self) -> None:
         try:

@@ -2,8 +2,9 @@
 
 from dataclasses import Field, fields
 from types import NoneType, UnionType
-from typing import Any, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
+from pydantic import Field as Values
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -25,6 +26,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
+from beamtouch_service.record.database.rows import Rows, Version
 from beamtouch_service.record.database.values import Word
 from beamtouch_service.record.events.event import Begin, End, Event, EventKind, Numbered
 
@@ -127,8 +129,44 @@ CONTENT = [EVENTS.c[entry.name] for entry in fields(Event)]
 WITHOUT_PATH = [column for column in CONTENT if column.name not in ("path", "best", "capture")]
 
 
+_Time = Annotated[int, Values(ge=-(2**53), lt=2**53)]
+"""A time that a calendar has [us since 1970]."""
+_Number = Annotated[float, Values(ge=-(2.0**53), lt=2.0**53)] | bool
+_EVENT_ROWS = Rows(
+    EVENTS.name,
+    {entry.name: entry.type for entry in fields(Event)}
+    | {
+        "touched_us": _Time,
+        "last_us": _Time,
+        "lifted_us": _Time | None,
+        "place": dict[str, Annotated[list[float | None], Values(min_length=6, max_length=6)] | None],
+        "path": list[Annotated[list[_Number], Values(min_length=3)]],
+    },
+)
+CURSOR_ROWS = Rows(
+    CURSORS.name,
+    {"durable": int, "version": Version, "model": str, "memory": dict[str, Any], "event": int | None},
+)
+HEALTH_ROWS = Rows(HEALTH.name, {"version": Version, "model": str, "characteristic": str | None, "newest_us": int})
+BLOCK_ROWS = Rows(HEALTH_BLOCKS.name, {"first_us": int, "number": int, "block": list[Any]})
+_TIME_ROWS = Rows(TIME.name, {"passed_s": float, "clock_s": float | None})
+
+
+def read_time(connection: Connection) -> tuple[float, float | None]:
+    """Return the time of the record, as `ageing.RecordTime`; raises UnreadableRowError."""
+    row = connection.execute(select(TIME.c.passed_s, TIME.c.clock_s)).one()
+    _TIME_ROWS.require_whole("the time of the record", row._asdict())
+    return row.passed_s, row.clock_s
+
+
+def require_whole_event(row: Row[*tuple[Any, ...]]) -> None:
+    """Raise UnreadableRowError if a row with the id of an event, its surface and some of `CONTENT` is damaged."""
+    _EVENT_ROWS.require_whole(f"event {row.id} of surface {row.surface}", row._asdict())
+
+
 def event_of(row: Row[*tuple[Any, ...]]) -> Numbered:
-    """Return the event of a row of `CONTENT`, with or without its path."""
+    """Return the event of a row of `CONTENT`, with or without its path; raises UnreadableRowError."""
+    require_whole_event(row)
     return row.id, Event(**{name: value for name, value in row._asdict().items() if name not in ("id", "number")})
 
 

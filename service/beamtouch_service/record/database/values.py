@@ -1,22 +1,34 @@
-"""Values of columns. A damaged file may hold anything, and SQLite does not see it: it shows when a value is read."""
+"""Values of columns. A damaged file may hold anything, and SQLite does not see it: it shows when a value is read.
+
+A value does not know its row. So one that cannot be read becomes an `Unreadable`, which `rows` finds and names.
+"""
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Any, TypedDict
 
 from sqlalchemy import Dialect, String, TypeDecorator
 
-from beamtouch_service.record.database.errors import UnreadableRowError, reason_of
+from beamtouch_service.record.database.errors import reason_of
 
 
-def _read_json(text: str | bytes) -> Any:  # noqa: ANN401  # JSON
-    """Return the value of a JSON column; raises UnreadableRowError."""
+@dataclass(frozen=True)
+class Unreadable:
+    """A value that cannot be read, with the reason."""
+
+    reason: str
+
+
+def _read_json(text: str | bytes | float) -> Any:  # noqa: ANN401  # JSON
+    """Return the value of a JSON column."""
     try:
-        return json.loads(text)
+        # SQLite makes a number of a text that is one.
+        return json.loads(text) if isinstance(text, str | bytes) else text
     except ValueError as error:
-        raise UnreadableRowError(f"a row cannot be read: {reason_of(error)}") from None
+        return Unreadable(reason_of(error))
 
 
 class _Json(TypedDict):
@@ -32,7 +44,7 @@ JSON_CODEC: _Json = {
 
 
 class Word(TypeDecorator[StrEnum]):
-    """A column of the words of an enumeration; to read another word raises UnreadableRowError."""
+    """A column of the words of an enumeration."""
 
     impl = String
     cache_ok = True
@@ -45,10 +57,9 @@ class Word(TypeDecorator[StrEnum]):
         """Return the word to write."""
         return None if value is None else value.value
 
-    def process_result_value(self, value: str | None, dialect: Dialect) -> StrEnum | None:  # noqa: ARG002
+    def process_result_value(self, value: str | None, dialect: Dialect) -> Any:  # noqa: ANN401, ARG002
         """Return the member of a word that was read."""
         try:
             return None if value is None else self.words(value)
         except ValueError:
-            reason = f"{value!r} is not among the defined enum values of {self.words.__name__}"
-            raise UnreadableRowError(f"a row cannot be read: {reason}") from None
+            return Unreadable(f"{value!r} is not among the defined enum values of {self.words.__name__}")

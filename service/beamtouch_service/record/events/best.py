@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from beamtouch_models.runtime import ModelFile, State
 from beamtouch_service.surfaces.follower import Decision
@@ -46,9 +47,12 @@ class Best:
     def read(cls, kept: dict[str, Any] | None) -> "Best | None":
         """Return the best sample that an event keeps; None if it keeps none, or one that cannot be read."""
         try:
-            return cls(**kept) if kept else None
-        except TypeError:
+            return _BEST.validate_python(kept) if kept else None
+        except ValueError:
             return None
+
+
+_BEST = TypeAdapter(Best)
 
 
 class Mean(NamedTuple):

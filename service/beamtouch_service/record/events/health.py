@@ -32,6 +32,8 @@ class StoredHealth:
     newest_us: int = 0
     blocks: Mapping[BlockKey, list[Any]] = field(default_factory=dict)
     """Blocks of contacts, as JSON. A contact changes two or three of a hundred, and only these are written."""
+    damage: str = ""
+    """Why it cannot be read, in one line; empty if it can. What is damaged is there to be replaced."""
 
     def history(self) -> dict[str, Any]:
         """Return the blocks as `Health` takes them."""
@@ -48,13 +50,15 @@ class HealthHistory:
         """The durable sums."""
         self.next: StoredHealth | None = None
         """The sums that are to become durable; None if all are."""
+        self.starts_over_because = stored.damage
+        """Why what is on record cannot be gone on from, though the same model may have made it; else empty."""
         self._begin()
-        if stored.model == model.identity:
+        if stored.model == model.identity and not stored.damage:
             try:
                 self._health = Health(model.metadata, stored.history())
                 self._characteristic, self._newest_us = stored.characteristic, stored.newest_us
             except ValueError as error:
-                _log.warning("surface %s: its health starts over: %s", surface, error)
+                self.starts_over_because = str(error)
         self.state = self._describe()
         """The health so far."""
 

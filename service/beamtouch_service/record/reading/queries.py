@@ -11,7 +11,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Row, Select, bindparam, null, select, true, tuple_
 
 from beamtouch_common.outline import BEAM_AXES
-from beamtouch_service.record.database.tables import CONTENT, EVENTS, WITHOUT_PATH, event_of
+from beamtouch_service.record.database.tables import CONTENT, EVENTS, WITHOUT_PATH, event_of, require_whole_event
 from beamtouch_service.record.events.best import Best
 from beamtouch_service.record.events.event import Event, EventKind, Numbered
 from beamtouch_service.record.events.times import latest_us
@@ -26,7 +26,7 @@ _IS_ASKED = _c.id.in_(bindparam("ids", expanding=True))
 # Made once: to make one anew takes the interpreter for longer than to run it.
 _EVENTS = select(_c.id, *WITHOUT_PATH).where(_IS_ASKED)
 _EVENTS_WITH_PATH = select(_c.id, *CONTENT).where(_IS_ASKED)
-_BEST_SAMPLES = select(_c.id, _c.model, _c.best).where(_IS_ASKED)
+_BEST_SAMPLES = select(_c.id, _c.surface, _c.model, _c.best).where(_IS_ASKED)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,10 @@ def read_events(reader: Reader, keys: Sequence[EventKey], *, path: bool) -> Iter
 
 def find_axes(reader: Reader, keys: Sequence[EventKey]) -> list[tuple[str, ...]]:
     """Return the different axes of the events of these keys; without events, those of a beam."""
-    places = reader.rows(select(_c.place).where(_c.id.in_([key.id for key in keys]))) if keys else []
+    query = select(_c.id, _c.surface, _c.place).where(_c.id.in_([key.id for key in keys]))
+    places = reader.rows(query) if keys else []
+    for row in places:
+        require_whole_event(row)
     return list(dict.fromkeys(tuple(row.place) for row in places)) or [BEAM_AXES]
 
 
@@ -98,7 +101,12 @@ def find_best_samples(
 def read_best_samples(reader: Reader, keys: Sequence[EventKey]) -> Iterator[Iterator[Sampled]]:
     """Give the best samples of the events of these keys, as `read_events` gives those."""
     for rows in _read(reader, _BEST_SAMPLES, keys, AT_ONCE):
-        yield (Sampled(row.id, row.model, Best.read(row.best)) for row in rows)
+        yield map(_sampled_of, rows)
+
+
+def _sampled_of(row: Row[*tuple[Any, ...]]) -> Sampled:
+    require_whole_event(row)
+    return Sampled(row.id, row.model, Best.read(row.best))
 
 
 def _read(

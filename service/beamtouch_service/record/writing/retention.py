@@ -9,7 +9,7 @@ from sqlalchemy import Connection, delete, exists, func, select, tuple_, update
 from beamtouch_common.log_lines import Repeated
 from beamtouch_common.spans import apart, are_apart
 from beamtouch_service.record.database.connections import Database
-from beamtouch_service.record.database.tables import CURSORS, EVENTS, IS_FINISHED, TIME
+from beamtouch_service.record.database.tables import CURSORS, EVENTS, IS_FINISHED, TIME, read_time
 from beamtouch_service.record.writing.ageing import RecordTime, Watch
 from beamtouch_service.sections import EventsSection
 
@@ -61,7 +61,7 @@ class Retention:
         held : surface and boot of each cursor that this service goes on from
         """
         with database.writing() as connection:
-            stored = RecordTime(*connection.execute(select(TIME.c.passed_s, TIME.c.clock_s)).one())
+            stored = RecordTime(*read_time(connection))
             shared_s = database.clock_s(connection)
             time, watch, warning = self._watch.look(stored, shared_s or clock_s, uptime_s)
             connection.execute(update(TIME).values(time._asdict()))

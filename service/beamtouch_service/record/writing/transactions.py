@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import (
     ColumnElement,
     Connection,
+    Row,
     Table,
     bindparam,
     delete,
@@ -25,17 +26,20 @@ from beamtouch_service.record.database.connections import Database
 from beamtouch_service.record.database.postgresql import ServerDatabase
 from beamtouch_service.record.database.sqlite import FileDatabase, MemoryDatabase
 from beamtouch_service.record.database.tables import (
+    BLOCK_ROWS,
     CONTENT,
+    CURSOR_ROWS,
     CURSORS,
     DELIVERIES,
     DESTINATIONS,
     EVENTS,
     HEALTH,
     HEALTH_BLOCKS,
+    HEALTH_ROWS,
     IS_FINISHED,
-    TIME,
     WITHOUT_PATH,
     event_of,
+    read_time,
 )
 from beamtouch_service.record.events.changes import BootChange, Change, Cursor
 from beamtouch_service.record.events.event import End, Event, OpenEvent
@@ -78,11 +82,16 @@ class Transactions:
         return self.database.away_because
 
     def load(self, surface: str, boot_id: str) -> tuple[list[Cursor], StoredHealth]:
-        """Return the cursors of this boot and of those with an open event, and the health of the surface."""
+        """Return the cursors of this boot and of those with an open event, and the health of the surface.
+
+        Raises UnreadableRowError if one of them or of these events is damaged.
+        """
         of_boot = (CURSORS.c.boot_id == boot_id) | CURSORS.c.event.is_not(null())
         query = select(CURSORS).where(CURSORS.c.surface == surface, of_boot)
         with self.database.reading_as_writer() as connection:
             rows = connection.execute(query).all()
+            for row in rows:
+                CURSOR_ROWS.require_whole(f"the cursor of boot {row.boot_id} of surface {surface}", row._asdict())
             numbers = [row.event for row in rows if row.event is not None]
             content = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
             events = {number: (number, event) for number, event in map(event_of, content) if event.end is End.OPEN}
@@ -107,7 +116,7 @@ class Transactions:
             lost = _find_lost(connection, changes)
             held = [change for change in changes if change.surface not in lost]
             boots = [(change.surface, boot) for change in held for boot in change.boots]
-            time_s = connection.scalars(select(TIME.c.passed_s)).one()
+            time_s, _ = read_time(connection)
             numbers = _write_events(connection, [event for _, boot in boots for event in boot.events], time_s)
             _write(connection, CURSORS, [_cursor_row(name, boot, numbers, time_s) for name, boot in boots])
             _write_healths(connection, held)
@@ -152,7 +161,7 @@ def _find_lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
     lost = {surface for (surface, boot_id), before in boots.items() if versions.get((surface, boot_id), 0) != before}
     dirty = {change.surface: change.health.stored.version for change in changes if change.health.next}
     healths = connection.execute(select(HEALTH.c.surface, HEALTH.c.version).where(HEALTH.c.surface.in_(list(dirty))))
-    stands = {row.surface: row.version for row in healths}
+    stands = {row.surface: _health_version(row) for row in healths}
     return lost | {surface for surface, before in dirty.items() if stands.get(surface, 0) != before}
 
 
@@ -191,15 +200,28 @@ def _write_events(
 
 
 def _read_healths(connection: Connection, which: ColumnElement[bool]) -> dict[str, StoredHealth]:
+    """Return the health of surfaces. That of one with a damaged row says so; those of others are whole."""
     rows = connection.execute(select(HEALTH).where(which)).all()
     is_of = HEALTH_BLOCKS.c.surface.in_([row.surface for row in rows])
     blocks: dict[str, dict[BlockKey, list[Any]]] = {row.surface: {} for row in rows}
-    for surface, first_us, number, block in connection.execute(select(HEALTH_BLOCKS).where(is_of)):
-        blocks[surface][first_us, number] = block
+    damage = {
+        row.surface: HEALTH_ROWS.find_damage(f"the health of surface {row.surface}", row._asdict()) for row in rows
+    }
+    for row in connection.execute(select(HEALTH_BLOCKS).where(is_of)):
+        blocks[row.surface][row.first_us, row.number] = row.block
+        what = f"block {row.number} of {row.first_us} of the health of surface {row.surface}"
+        damage[row.surface] = damage[row.surface] or BLOCK_ROWS.find_damage(what, row._asdict())
     return {
-        row.surface: StoredHealth(row.version, row.model, row.characteristic, row.newest_us, blocks[row.surface])
+        row.surface: StoredHealth(
+            _health_version(row), row.model, row.characteristic, row.newest_us, blocks[row.surface], damage[row.surface]
+        )
         for row in rows
     }
+
+
+def _health_version(row: Row[*tuple[Any, ...]]) -> int:
+    """Return how often the health of a surface was written; 0 if that cannot be read."""
+    return row.version if isinstance(row.version, int) and row.version > 0 else 0
 
 
 def _write_healths(connection: Connection, changes: Sequence[Change]) -> None:
@@ -219,6 +241,9 @@ def _write_healths(connection: Connection, changes: Sequence[Change]) -> None:
                 gone.append({f"of_{name}": value for name, value in values.items()})
             if key in after.blocks:
                 new.append(values | {"block": after.blocks[key]})
+    # One whose version cannot be read is written as for the first time.
+    first = [row["surface"] for row in rows if row["version"] == 1]
+    connection.execute(delete(HEALTH).where(HEALTH.c.surface.in_(first)))
     _write(connection, HEALTH, rows)
     if gone:
         is_gone = [column == bindparam(f"of_{column.name}") for column in HEALTH_BLOCKS.primary_key]
