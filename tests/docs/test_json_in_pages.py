@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from beamtouch_service.api.events import EventList, EventWithPath
 from beamtouch_service.problems import Kind
-from beamtouch_service.surfaces import problems
+from beamtouch_service.surfaces import surface_problems
 from beamtouch_service.surfaces.channels import ChannelHealth
 from beamtouch_service.surfaces.fields import Contact
 from support.pages.pasted import ROOT, blocks_of
@@ -50,5 +50,5 @@ def assert_is_problem(shown: dict[str, Any]) -> None:
     kind = KINDS[shown["type"]]
     assert (shown["title"], shown["status"]) == (kind.title, kind.status)
     if kind is Kind.STALE:
-        problem = problems.stale(shown["surface"], shown["age_ms"], shown["stale_ms"])
+        problem = surface_problems.stale(shown["surface"], shown["age_ms"], shown["stale_ms"])
         assert shown == problem.body()
