@@ -221,6 +221,7 @@ STATED = {
         f"{door.MAX_CONNECTIONS} connections, {door.MAX_SUBSCRIPTIONS} subscriptions and {door.MAX_ITEMS} subscribed",
         f"at most {door.MAX_OPERATIONS} nodes in a request, {door.MAX_BROWSED} to browse",
         f"messages of {door.MAX_MESSAGE_BYTES >> 20} MiB",
+        f"more than {door.MAX_PENDING} requests wait",
         f"after at most {door.MAX_KEEP_ALIVE} publishing intervals",
         f"asks for nothing for {door.MAX_LIFETIME}",
         f"publishing interval below {door.MIN_INTERVAL_MS:g} ms",

@@ -19,6 +19,7 @@ from asyncua.server.user_managers import UserManager
 from asyncua.ua.ua_binary import struct_from_binary
 
 from beamtouch_common.log_lines import Repeated
+from beamtouch_service.outputs.opcua.turns import Transports
 from beamtouch_service.surfaces.listeners import Listeners
 
 MAX_CONNECTIONS = 64
@@ -32,6 +33,8 @@ MAX_WAITING = 100
 MAX_OPERATIONS, MAX_BROWSED = 500, 20
 """Nodes or items in one request, and nodes to browse or paths to follow. While it is answered, nothing else of the
 service is: a node to browse takes 3 ms, one to read 35 us, and a new item 100 us."""
+MAX_PENDING = 100
+"""Messages of one connection that wait for their turn."""
 MAX_MESSAGE_BYTES = 1 << 20
 MIN_INTERVAL_MS, MAX_INTERVAL_MS = 10.0, 3_600_000.0
 """Publishing intervals that are taken. With one of a microsecond, the service would do nothing else."""
@@ -64,6 +67,7 @@ class Sessions(InternalServer):  # type: ignore[misc]  # mypy skips the types of
         self.max_monitored_item_queue_size = self.max_unacked_messages_per_subscription = MAX_WAITING
         self.max_keep_alive_count, self.max_lifetime_count = MAX_KEEP_ALIVE, MAX_LIFETIME
         self.max_pending_activation_seconds = ACTIVATION_S
+        self.asyncio_transports: Transports = Transports(MAX_PENDING)
 
     def create_session(self, name: str, user: User = NOBODY, external: bool = False) -> InternalSession:
         """Begin a session that no other connection can use."""
