@@ -30,25 +30,37 @@ class Address:
         The section of the configuration, and what it states.
     option
         Where the user states the port, for messages.
+    require
+        Raises InputError, for a numeric address or a name, if the service lacks what an address requires that others
+        than this machine reach. A name may come to stand for such an address while the service runs: then nothing
+        listens, until it stands for another one.
 
     Raises
     ------
     InputError
-        This user may not listen there: only another configuration can help.
+        This user may not listen there, or `require` says so: only another configuration can help.
     """
 
-    def __init__(self, section: str, host: str, port: int, option: str = "--port") -> None:
+    def __init__(
+        self,
+        section: str,
+        host: str,
+        port: int,
+        option: str = "--port",
+        require: Callable[[str], None] = lambda _address: None,
+    ) -> None:
         self.section = section
         self.shown = host
         """The numeric address; the name as long as it does not resolve."""
         self.missing = ""
         """Why nothing can listen there yet; empty as soon as it can."""
-        self._host, self._port, self._option = host, port, option
+        self._host, self._port, self._option, self._require = host, port, option, require
         self._is_forbidden = False
         if (bound := self._open(listen=False)) is not None:
             bound.close()
         elif self._is_forbidden:
             raise InputError(self.missing)
+        self._require_if_open()
 
     @property
     def is_loopback(self) -> bool:
@@ -77,6 +89,10 @@ class Address:
         note("")
         return bound
 
+    def _require_if_open(self) -> None:
+        if not self.is_loopback:
+            self._require(self.shown)
+
     def _open(self, *, listen: bool = True) -> socket.socket | None:
         """Return a socket at the address; None if that is not possible yet, and `missing` says why."""
         try:
@@ -99,7 +115,12 @@ class Address:
             bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
             bound.bind((self.shown, self._port))
             if listen:
+                self._require_if_open()
                 bound.listen(_QUEUE)
+        except InputError as error:
+            bound.close()
+            self.missing = str(error)
+            return None
         except OSError as error:
             bound.close()
             self.missing = f"port {self._port} on {self.shown}: {remedy(error, self._option)}"

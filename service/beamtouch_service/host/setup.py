@@ -7,6 +7,7 @@ import logging
 import socket
 import ssl
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from beamtouch_common import log_lines
@@ -64,9 +65,7 @@ def prepare(settings: Settings) -> Prepared:
     if server.certificate_file and server.key_file:
         _require_certificate(server.certificate_file, server.key_file)
     loaded = [_load_surface(name, section) for name, section in settings.surfaces.items()]
-    address = Address("server", server.host, server.port)
-    if not address.is_loopback:
-        _require_tokens(access, address.shown)
+    address = Address("server", server.host, server.port, require=partial(_require_tokens, access))
     outputs = [make(section, [surface.name for surface, _ in loaded], access) for section in settings.outputs]
     warnings = _warnings(settings, access, address) + [words for output in outputs for words in output.warnings]
     keepers = [keeper for _, keeper in loaded if keeper]

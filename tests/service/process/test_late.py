@@ -3,6 +3,7 @@
 import socket
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,36 @@ def test_a_name_that_does_not_resolve_is_waited_for(tmp_path: Path, token_file: 
             assert service_of(process, "").get("/health/live").status_code == 200
         finally:
             process.kill()
+
+
+@pytest.mark.parametrize("section", ["server", "opcua"])
+def test_nothing_listens_beyond_loopback_when_a_name_leads_there_only_later(tmp_path: Path, section: str) -> None:
+    names, pipe = host_names_in(tmp_path), subprocess.PIPE
+    names.add("gateway.plant", "127.0.0.1")
+    with ExitStack() as open_until_end:
+        taken = open_until_end.enter_context(socket.create_server(("127.0.0.1", 0)))
+        port = taken.getsockname()[1]
+        config = tmp_path / "service.toml"
+        own = "" if section == "server" else "[server]\nport = 0\n"
+        config.write_text(f'{own}[{section}]\nhost = "gateway.plant"\nport = {port}\n')
+        run = (*names.prefix, sys.executable, *CLI, "run", "--config", str(config))
+        process = open_until_end.enter_context(subprocess.Popen(run, stdout=pipe, stderr=pipe, text=True))
+        open_until_end.callback(process.kill)
+        assert f"port {port} on 127.0.0.1: in use" in complaint(process)
+        names.move("gateway.plant", "0.0.0.0")  # noqa: S104  # what must not happen
+        assert f"port {port} on 0.0.0.0: in use" in complaint(process)
+        taken.close()
+        assert "0.0.0.0 is open to the network, which requires" in complaint(process)
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port))
+        names.move("gateway.plant", "127.0.0.1")
+        wait_until(lambda: accepts(port))
+
+
+def accepts(port: int) -> bool:
+    """Return whether something listens on a port of this machine."""
+    with socket.socket() as line:
+        return line.connect_ex(("127.0.0.1", port)) == 0
 
 
 @pytest.mark.promise("docs/reference/metrics.md", "whose address, broker or record is not there")

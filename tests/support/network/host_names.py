@@ -24,6 +24,11 @@ class HostNames:
         with self.path.open("a") as file:
             file.write(f"{address} {name}\n")
 
+    def move(self, name: str, address: str) -> None:
+        """Have a name stand for another address."""
+        others = [line for line in self.path.read_text().splitlines() if not line.endswith(f" {name}")]
+        self.path.write_text("\n".join([*others, f"{address} {name}"]) + "\n")
+
 
 def host_names_in(folder: Path) -> HostNames:
     """Return a file that knows localhost."""

@@ -32,7 +32,6 @@ from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import read_bounded
 from beamtouch_common.log_lines import Repeated
 from beamtouch_common.secrets import read_password
-from beamtouch_service.address import Address
 from beamtouch_service.outputs.opcua.door import Door
 from beamtouch_service.outputs.opcua.section import OpcUaSection
 
@@ -117,16 +116,16 @@ class Security:
     own: tuple[Certificate, RSAPrivateKey] | None
     """Certificate and key; without them, connections are not encrypted."""
 
-    def require_for(self, address: Address) -> None:
+    def require_for_others(self, address: str) -> None:
         """Raise InputError unless an address beyond loopback has a certificate and a user."""
         needed = {
             "certificate_file and key_file": self.own is not None,
             "username and password_file": self.has_password,
         }
         missing = [keys for keys, is_there in needed.items() if not is_there]
-        if missing and not address.is_loopback:
+        if missing:
             message = (
-                f"[opcua]: {address.shown} is open to the network, which requires a certificate and a user: "
+                f"[opcua]: {address} is open to the network, which requires a certificate and a user: "
                 f"add {' and '.join(missing)}, or use 127.0.0.1"
             )
             raise InputError(message)

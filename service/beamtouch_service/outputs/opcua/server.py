@@ -41,8 +41,7 @@ def make(section: OpcUaSection, _surfaces: Sequence[str], access: Access) -> Out
     # Clients can provoke any number of its messages, and tracebacks.
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
     security = read_security(section)
-    address = Address(section.name, section.host, section.port, option="opcua.port")
-    security.require_for(address)
+    address = Address(section.name, section.host, section.port, "opcua.port", security.require_for_others)
     is_protected = security.has_password or security.has_trusted or access.read is None
     words = "neither a user nor trusted certificates protect the OPC UA server: everyone on this machine can read"
     return Output(partial(_run, section, security, address), [] if is_protected else [words])
@@ -60,6 +59,7 @@ async def _run(section: OpcUaSection, security: Security, address: Address, cont
         await space.build()
         door.created.add(space.note_subscription)
         (await address.listen(partial(context.missing.__setitem__, section.name))).close()
+        # The numeric address: the name may lead elsewhere by now.
         server.set_endpoint(_url(address.shown, section.port))
         try:
             await server.start()

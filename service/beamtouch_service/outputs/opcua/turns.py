@@ -63,6 +63,6 @@ class Transports(list[asyncio.BaseTransport]):
 
     def append(self, transport: asyncio.BaseTransport) -> None:
         """List the transport of a connection that begins: it has not taken a message yet."""
-        protocol: Any = transport.get_protocol()  # type: ignore[attr-defined]  # each transport of a connection has it
+        protocol: Any = transport.get_protocol()
         protocol.messages = _Messages(self._max_pending, self._turns)
         super().append(transport)
