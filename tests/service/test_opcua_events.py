@@ -49,17 +49,19 @@ class Finished:
 
     def __init__(self, count: int) -> None:
         event = Event("press-7", "model", "boot-0001", 1, 2, 1, 2, EventKind.CONTACT, Begin.TOUCH, End.LIFT)
-        self._finished = [Due(number, number, event) for number in range(1, count + 1)]
+        self._due = [Due(number, number, event) for number in range(1, count + 1)]
         self.is_empty = False
         self.is_sent = asyncio.Event()
 
     async def wait_for_finished(self, _: object) -> list[Due]:
-        if not self._finished:
+        if not self._due:
             self.is_sent.set()
             await asyncio.Event().wait()
         self.is_empty = True
-        finished, self._finished = self._finished, []
-        return finished
+        return self._due
+
+    async def write(self, _: object) -> None:
+        self._due = []
 
 
 def test_others_have_a_turn_between_two_events_that_are_sent() -> None:

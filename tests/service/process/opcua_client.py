@@ -9,6 +9,7 @@ from asyncua import Client, Node, ua
 from asyncua.common.events import Event
 from asyncua.common.subscription import DataChangeNotif
 
+from service.bench import PATIENT
 from service.process.conftest import Service, StartService
 from service.process.opcua_hello import is_open
 from support.network.free_ports import free_port
@@ -17,11 +18,13 @@ from support.running.waiting import wait_until
 TIMEOUT_S = 30
 
 
-def start(start_press: StartService, stale_ms: float, options: str = "") -> tuple[Service, str]:
-    """Start a service of press-7 with an OPC UA server; return it with the address of that."""
+def start(start_press: StartService, stale_ms: float, options: str = "", code: str = "") -> tuple[Service, str]:
+    """Start a service of press-7 with an OPC UA server, after this code; return it with the address of that."""
     port = free_port()
     zones = "[surfaces.press-7.zones.left]\nfrom_mm = 0\nto_mm = 300\n"
-    service = start_press(stale_ms=stale_ms, sections=f"{zones}[opcua]\nport = {port}\n{options}\n")
+    service = start_press(
+        code=f"{PATIENT}\n{code}", stale_ms=stale_ms, sections=f"{zones}[opcua]\nport = {port}\n{options}\n"
+    )
     return service, f"opc.tcp://127.0.0.1:{port}/"
 
 

@@ -48,7 +48,8 @@ PARTS = [
     Case("mqtt events", "beamtouch_service.outputs.mqtt.events", "EventSender", "_find_due"),
     Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "build", is_early=True),
     Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "follow", is_early=True),
-    Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "_describe", is_early=True),
+    Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "describe", is_early=True),
+    Case("opcua events", "beamtouch_service.outputs.opcua.events", "EventSender", "_send"),
     Case("opcua", "beamtouch_service.outputs.opcua.door", "Sessions", "end_orphans"),
 ]
 
@@ -108,7 +109,7 @@ def test_a_part_that_fails_is_named_and_works_again_once_its_fault_is_gone(
         fault.touch()
     service = start_press(code=f"{PATIENT}\n{code}", sections=sections_for(part, port))
     if not case.is_early:
-        wait_until(lambda: part != "opcua" or is_open(f"opc.tcp://127.0.0.1:{port}/"))
+        wait_until(lambda: not part.startswith("opcua") or is_open(f"opc.tcp://127.0.0.1:{port}/"))
         wait_until(lambda: not part.startswith("mqtt") or metric(service, "connected") == 1)
         fault.touch()
     assert service.post(batch_of(RESTING, TOUCHING, TOUCHING, RESTING)).status_code == 200

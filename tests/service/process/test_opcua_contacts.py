@@ -4,13 +4,16 @@ import asyncio
 import json
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
 from asyncua import Client, Node, ua
 
+from beamtouch_service.outputs.opcua import events
 from service.bench import FIGURES, START_US, Row, batch_of
 from service.process.opcua_client import Changes, connected, read, start
+from support.programs.broken import broken
 from support.running.waiting import wait_until
 
 from .conftest import Service, StartService
@@ -227,3 +230,33 @@ def test_a_finished_event_is_emitted_by_its_surface_and_by_the_server(start_pres
         for name in ("surface", "kind", "touched_at", "lifted_at", "dwell_ms", "peak_force_n", "mean_position_mm"):
             assert (getattr(found, name), found.end) == (event[name], event["end"]), name
         assert json.loads(found.zones) == event["zones"] != {}
+
+
+@pytest.mark.promise("docs/how-to/opcua.md", "An event that could not be sent is sent again")
+def test_events_that_cannot_be_sent_come_later_once_each_and_end_no_session(
+    start_press: StartService, tmp_path: Path
+) -> None:
+    fault, contact = tmp_path / "fault", [*[TOUCHED] * 10, *[REST] * 10]
+    service, url = start(start_press, 60_000, code=broken(events.__name__, "EventSender", "_send", fault))
+    told = Changes()
+
+    async def listen() -> None:
+        async with connected(url) as client:
+            kind = await event_type(client, await client.get_namespace_index("urn:beamtouch"))
+            await (await client.create_subscription(50, told)).subscribe_events(evtypes=kind)
+            await post(service, 1, *[REST] * 10, *contact)
+            await asyncio.to_thread(wait_until, lambda: len(told.events) == 1)
+            fault.touch()
+            await post(service, 31, *contact * 2)
+            await asyncio.to_thread(
+                wait_until, lambda: "opcua events" in service.get("/health/ready").json().get("missing", {})
+            )
+            fault.unlink()
+            await asyncio.to_thread(wait_until, lambda: len(told.events) >= 3)
+            await post(service, 71, *contact)
+            await asyncio.to_thread(wait_until, lambda: len(told.events) >= 4)
+            assert await read(client)
+
+    asyncio.run(listen())
+    recorded = [one["id"] for one in service.get("/events").json()["events"] if one["kind"] == "contact"]
+    assert [one.id for one in told.events] == recorded[::-1]

@@ -55,23 +55,31 @@ class EventSender:
         """`objects`: surface -> its object, which emits the events."""
         self._server, self._recorder, self._objects = server, recorder, objects
         self._generators: dict[str, EventGenerator] = {}
+        self._sent: list[Due] = []
+        """Events that were sent, and that the record does not know to be."""
 
     async def run(self) -> None:
-        """Send events until cancelled."""
-        await self._describe()
+        """Send events until cancelled. After an error, this goes on with the event that was not sent."""
         while True:
             try:
-                # Nobody acknowledges them, so they count as sent.
-                finished = await self._recorder.wait_for_finished(_take_due)
+                await self._acknowledge()
+                finished = await self._recorder.wait_for_finished(_find_due)
             except RecordAwayError:  # the log has it
                 await asyncio.sleep(RETRY_S)
                 continue
             for due in finished:
                 await self._send(due)
+                self._sent.append(due)
                 await asyncio.sleep(0)  # the library gives others no turn between two events
 
-    async def _describe(self) -> None:
-        """Make the type of the events, and name who emits them."""
+    async def _acknowledge(self) -> None:
+        """Tell the record which events were sent: nobody acknowledges them."""
+        if sent := self._sent:
+            await self._recorder.write(lambda transactions: transactions.acknowledge(sent))
+            self._sent = []
+
+    async def describe(self) -> None:
+        """Make the type of the events, and name who emits them. This comes first, and once."""
         index = next(iter(self._objects.values())).NamespaceIndex if self._objects else 0
         kind = await self._server.create_custom_event_type(index, "ContactEventType", properties=list(FIELDS.items()))
         for name, node in self._objects.items():
@@ -99,8 +107,6 @@ class EventSender:
         await self._server.iserver.subscription_service.trigger_event(sent)
 
 
-def _take_due(transactions: Transactions) -> list[Due]:
+def _find_due(transactions: Transactions) -> list[Due]:
     due, _ = transactions.due(DESTINATION, AT_ONCE, from_start=False)
-    if due:
-        transactions.acknowledge(due)
     return due

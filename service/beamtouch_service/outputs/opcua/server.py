@@ -58,6 +58,8 @@ async def _run(section: OpcUaSection, security: Security, address: Address, cont
         space = Space(server, context)
         await space.build()
         door.created.add(space.note_subscription)
+        events = EventSender(server, context.recorder, space.objects)
+        await events.describe()
         (await address.listen(partial(context.missing.__setitem__, section.name))).close()
         # The numeric address: the name may lead elsewhere by now.
         server.set_endpoint(_url(address.shown, section.port))
@@ -71,7 +73,8 @@ async def _run(section: OpcUaSection, security: Security, address: Address, cont
     try:
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(space.follow(section.interval_ms / 1e3))
-            tasks.create_task(EventSender(server, context.recorder, space.objects).run())
+            # One that fails must not end the sessions of clients.
+            tasks.create_task(context.parts.keep(f"{section.name} events", events.run))
             tasks.create_task(_end_orphans(sessions))
     finally:
         with suppress(TimeoutError):
