@@ -15,7 +15,7 @@ from beamtouch_service.outputs.opcua.door import Door, Sessions
 from beamtouch_service.outputs.opcua.events import EventSender
 from beamtouch_service.outputs.opcua.section import OpcUaSection
 from beamtouch_service.outputs.opcua.security import Security, read_security
-from beamtouch_service.outputs.opcua.space import Space
+from beamtouch_service.outputs.opcua.space import OtherAxesError, Space
 from beamtouch_service.outputs.section import Output
 
 APPLICATION = "urn:beamtouch:service"
@@ -48,7 +48,16 @@ def make(section: OpcUaSection, _surfaces: Sequence[str], access: Access) -> Out
 
 
 async def _run(section: OpcUaSection, security: Security, address: Address, context: Context) -> None:
-    """Serve, as soon as the address is there, until cancelled."""
+    """Serve until cancelled, anew when a surface has got other variables."""
+    while True:
+        try:
+            await _serve(section, security, address, context)
+        except* OtherAxesError:
+            _log.info("OPC UA server: a surface has a model with other axes: beginning anew, with its variables")
+
+
+async def _serve(section: OpcUaSection, security: Security, address: Address, context: Context) -> None:
+    """Serve, as soon as the address is there, until cancelled; raises a group with OtherAxesError."""
     while True:
         sessions = Sessions(security.clients)
         server, door = Server(iserver=sessions), Door(sessions)
@@ -76,6 +85,7 @@ async def _run(section: OpcUaSection, security: Security, address: Address, cont
             # One that fails must not end the sessions of clients.
             tasks.create_task(context.parts.keep(f"{section.name} events", events.run))
             tasks.create_task(_end_orphans(sessions))
+            tasks.create_task(space.require_same_axes())
     finally:
         with suppress(TimeoutError):
             async with asyncio.timeout(STOP_S):

@@ -20,6 +20,16 @@ NAMESPACE = "urn:beamtouch"
 """The namespace of all nodes; a node is `NAME` or `NAME/variable`: no name of a surface has a slash."""
 
 
+LOOK_S = 1.0
+"""Time between two looks at the axes of the surfaces."""
+_GONE = ua.DataValue(ua.Variant(None, ua.VariantType.Null), ua.StatusCode(ua.StatusCodes.BadConfigurationError))
+"""A variable that its surface has no longer."""
+
+
+class OtherAxesError(Exception):
+    """A surface has a model with other axes than before, so that it has other variables."""
+
+
 class _Told(ua.DataValue):  # type: ignore[misc]  # mypy skips the types of the library
     """A value that never changes. Of others, the library makes a copy for each subscriber, which costs most of all."""
 
@@ -36,6 +46,9 @@ class Space:
         """Surface -> its object."""
         self._variables: dict[ua.NodeId, tuple[Surface, str]] = {}
         """Variable -> its surface, and its name there."""
+        self._axes: dict[str, tuple[str, ...]] = {}
+        self._names: dict[str, list[str]] = {}
+        """Surface -> its axes when its variables were made, and these."""
         self._looks: dict[str, dict[str, ua.DataValue]] = {}
         """Surface -> name -> value, of this turn of the event loop."""
         self._subscribed: dict[str, Surface] = {}
@@ -52,7 +65,9 @@ class Space:
         for surface in self._context.registry:
             node = await top.add_object(ua.NodeId(surface.name, index), ua.QualifiedName(surface.name, index))
             self.objects[surface.name] = node.nodeid
-            for name, variable in variables_of(surface).items():
+            variables = variables_of(surface)
+            self._axes[surface.name], self._names[surface.name] = surface.axes, list(variables)
+            for name, variable in variables.items():
                 await self._add(surface, name, variable, node)
                 await asyncio.sleep(0)  # requests have a turn
 
@@ -80,7 +95,8 @@ class Space:
     def _look(self, surface: Surface) -> dict[str, ua.DataValue]:
         """Return the variables of a surface as of now. All that one request asks for belong to one sample."""
         if surface.name not in self._looks:
-            self._looks[surface.name] = values(surface, self._context.clock(), datetime.now(UTC))
+            found = values(surface, self._context.clock(), datetime.now(UTC))
+            self._looks[surface.name] = {name: found.get(name, _GONE) for name in self._names[surface.name]}
             asyncio.get_running_loop().call_soon(self._looks.pop, surface.name)
         return self._looks[surface.name]
 
@@ -93,6 +109,13 @@ class Space:
                 self._is_changed.set()
                 if self._watch:
                     self._watch.wake()
+
+    async def require_same_axes(self) -> None:
+        """Look at the axes of all surfaces until cancelled; raises OtherAxesError once one has others."""
+        while True:
+            if any(surface.axes != self._axes[surface.name] for surface in self._context.registry):
+                raise OtherAxesError
+            await asyncio.sleep(LOOK_S)
 
     async def follow(self, interval_s: float) -> None:
         """Tell subscribers what has changed, in turns of this time, until cancelled."""
