@@ -205,11 +205,11 @@ def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[
     shown = {
         "rigidity": f"{(found.rigidity - 1) * 100:+.2f} +- {errors['rigidity'][0] * 100:.2f} %",
         "gain": f"{each(found.gain, errors['gain'], 100.0, 1.0)} %",
-        "curve": f"{found.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per mm",
-        "offset": f"{each(found.offset_mm, errors['offset'], 1e3)} um",
     }
     if "position" in errors:
         shown["position"] = f"{each(found.position_offset_mm, errors['position'])} mm"
+    shown["curve"] = f"{found.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per mm"
+    shown["offset"] = f"{each(found.offset_mm, errors['offset'], 1e3)} um"
     if "fixity" in errors:
         ends = zip(found.fixity, errors["fixity"], strict=True)
         left, right = (f"{value:.3f} +- {error:.3f}" for value, error in ends)

@@ -26,7 +26,7 @@ from beamtouch_models.design.physics.characteristic_fit import Characteristic
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, Travel, check_own, travel_of
 from beamtouch_models.design.physics.measured_structure import measured_structure_of
 from beamtouch_models.design.physics.motion import slowest_period_ms
-from beamtouch_models.design.physics.structure import Structure, influence_of, structure_of
+from beamtouch_models.design.physics.structure import Structure, characteristics_of, influence_of, structure_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.design.placement.position_error import Sampling
@@ -163,11 +163,7 @@ class Surface:
 
     def characteristics_of(self, sensor_mm: Floats) -> tuple[Characteristic, ...]:
         """Return the characteristics of curved sensors at positions (channels,); none of straight ones."""
-        measured = self.scene.measured
-        if measured is None or not measured.curved:
-            return ()
-        structure = measured_structure_of(self.scene)
-        return tuple(structure.characteristics[index] for index in structure.nearest(sensor_mm))
+        return characteristics_of(self.scene, sensor_mm)
 
     def __repr__(self) -> str:
         """Return what the surface is: its length, its contacts, and the noise of a sample."""

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics import beam
+from beamtouch_models.design.physics.characteristic_fit import Characteristic
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.physics.measured_structure import (
     MeasuredStructure,
@@ -28,6 +29,14 @@ def structure_of(scene: Scene) -> Structure:
 def influence_of(scene: Scene) -> InfluenceFunction:
     """Return the influence function of the structure of a scene; SceneError if it states none."""
     return beam.influence_of(scene) if scene.measured is None else measured_influence_of(scene)
+
+
+def characteristics_of(scene: Scene, sensor_mm: Floats) -> tuple[Characteristic, ...]:
+    """Return the characteristics of curved sensors at positions (channels,); none of straight ones."""
+    if scene.measured is None or not scene.measured.curved:
+        return ()
+    structure = measured_structure_of(scene)
+    return tuple(structure.characteristics[index] for index in structure.nearest(sensor_mm))
 
 
 def influence(structure: Structure, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Floats:

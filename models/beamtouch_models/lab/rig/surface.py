@@ -13,11 +13,10 @@ from pydantic import Field
 from beamtouch_common.files import load_toml
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.influence_function import travel_of
-from beamtouch_models.design.physics.structure import influence_of
+from beamtouch_models.design.physics.structure import characteristics_of, influence_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.tables import Finite, Fixity, PositiveFinite, Strict
-from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.world import Motion, SensorErrors, World, counts_of_output
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig.faults import Faults
@@ -108,8 +107,7 @@ class VirtualSurface:
                 "scene"
             )
             raise SceneError(message)
-        is_curved = scene.measured is not None and scene.measured.curved
-        self._characteristics = resolve_model(model).characteristics_of(model.layout_mm) if is_curved else ()
+        self._characteristics = characteristics_of(scene, model.layout_mm)
         self._motion, self._exact = Motion(self._world, rings=rings), SensorErrors.none(1, self.channels)
         self._drift_mm_per_s = np.array(imperfections.drift_um_per_min or 0.0) / 60e3
         self._rng = np.random.default_rng(seed)
