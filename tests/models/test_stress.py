@@ -41,6 +41,38 @@ def test_a_thin_section_is_stressed_by_its_own_thickness() -> None:
     assert found == pytest.approx(FORCE_N * 100 * 300 / 400 / (WIDTH_MM / 6), rel=0.02)
 
 
+@pytest.mark.parametrize("wide_mm", [2.0, 4.0, 40.0])
+def test_a_groove_is_stressed_by_the_moment_in_it(wide_mm: float) -> None:
+    ends = (LENGTH_MM - wide_mm) / 2, (LENGTH_MM + wide_mm) / 2
+    segments = [{"to_mm": ends[0]}, {"to_mm": ends[1], "thickness_mm": 1.0}, {"to_mm": LENGTH_MM}]
+    found = largest_stress_mpa(beam(segments=segments), FORCE_N, (0.0, LENGTH_MM))
+    assert found == pytest.approx(FORCE_N * LENGTH_MM / 4 / (WIDTH_MM / 6), rel=1e-3)
+
+
+@pytest.mark.parametrize("overhang_mm", [5.0, 20.0])
+def test_an_overhang_bends_over_its_support(overhang_mm: float) -> None:
+    supports = [{"at_mm": overhang_mm, "kind": "simple"}, {"at_mm": LENGTH_MM, "kind": "simple"}]
+    found = largest_stress_mpa(beam(supports=supports), FORCE_N, (0.0, overhang_mm))
+    assert found == pytest.approx(FORCE_N * overhang_mm / SECTION_MM3, rel=1e-3)
+
+
+@pytest.mark.parametrize("spans", [2, 9, 20])
+def test_many_clamped_spans_have_the_stress_of_one(spans: int) -> None:
+    supports = [{"at_mm": LENGTH_MM * index / spans, "kind": "fixed"} for index in range(spans + 1)]
+    found = largest_stress_mpa(beam(supports=supports), FORCE_N, (0.0, LENGTH_MM))
+    assert found == pytest.approx(4 / 27 * FORCE_N * LENGTH_MM / spans / SECTION_MM3, rel=0.005)
+
+
+@pytest.mark.parametrize("foundation_n_mm2", [10.0, 1e3])
+def test_a_long_beam_on_a_foundation_has_the_stress_of_the_formula(foundation_n_mm2: float) -> None:
+    """Under a force in the middle: M = F / (4 beta), Hetenyi, Beams on Elastic Foundation, sec. 2."""
+    rigidity = 70e3 * WIDTH_MM * THICKNESS_MM**3 / 12
+    beta = (foundation_n_mm2 / (4 * rigidity)) ** 0.25
+    free = beam(supports=[], foundation_n_mm2=foundation_n_mm2)
+    found = largest_stress_mpa(free, FORCE_N, (150.0, 250.0))
+    assert found == pytest.approx(FORCE_N / (4 * beta) / SECTION_MM3, rel=0.03)
+
+
 def test_without_a_thickness_there_is_no_stress() -> None:
     bare = Beam.model_validate({"length_mm": LENGTH_MM, "flexural_rigidity_n_mm2": 1e7})
     assert largest_stress_mpa(bare, FORCE_N, (0.0, LENGTH_MM)) is None

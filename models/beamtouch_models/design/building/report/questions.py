@@ -11,7 +11,7 @@ from beamtouch_models.design.physics.stress import largest_stress_mpa
 from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.scene.materials import MATERIALS
 from beamtouch_models.design.surface import Surface
-from beamtouch_models.numbers import rounded
+from beamtouch_models.numbers import at_least, rounded
 from beamtouch_models.runtime.decision.evidence import CHECKED
 from beamtouch_models.runtime.description import nothing_seen, per_day, unseen
 from beamtouch_models.runtime.force_range import ForceRange
@@ -141,15 +141,16 @@ def _larger(metadata: Metadata) -> Iterator[str]:
 
 
 def _stop(metadata: Metadata) -> str:
-    """Say where a stop keeps the beam off the sensors."""
+    """Say where stops keep the beam off the sensors."""
     sensor = metadata.sensor
     sag_mm = metadata.ranges.force_n[1] * np.array(metadata.influence.mm_per_n).max(axis=0)
     closest = metadata.layout[int(sag_mm.argmax())]
     free, ends = digits(float(sag_mm.max()), 3), digits(sensor.standoff_mm - sensor.range_mm[0], 3)
     return (
-        f"Put a stop under the beam beside {closest.name}, at {closest.position_mm:g} mm, where it comes closest to a "
-        f"sensor: {free} to {ends} mm below the beam at rest. {metadata.ranges.force_n[1]:g} N do not press it down "
-        "that far, and it stops before the sensor leaves its range."
+        f"Put a stop under the beam beside each sensor, {free} to {ends} mm below the beam at rest: "
+        f"{metadata.ranges.force_n[1]:g} N do not press it down that far, and it stops before that sensor leaves its "
+        f"range. It comes closest at {closest.name}, {closest.position_mm:g} mm; a stop there does not protect the "
+        "others."
     )
 
 
@@ -280,7 +281,7 @@ def _acceptance(metadata: Metadata, accepted_mm: float) -> Iterator[str]:
     error_mm = metadata.accuracy.error_percent / 100 * metadata.length_mm
     yield (
         f"Draw {TRIED} places and forces of these ranges at random, before you see an answer, and press when the beam "
-        f"lies still. Accept if the mean error is at most {digits(accepted_mm, 2)} mm (about {digits(error_mm, 2)} mm "
+        f"lies still. Accept if the mean error is at most {at_least(accepted_mm):g} mm (about {digits(error_mm, 2)} mm "
         "are expected)"
     )
     if "position_low_mm" in metadata.golden.answers:
