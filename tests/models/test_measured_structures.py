@@ -281,3 +281,22 @@ def test_curved_sensors_are_straightened_by_their_own_loads() -> None:
     assert off_mm < 1.0
     with pytest.raises(InputError, match="as if loads did not stand where the table says"):
         resolve(change_scene(scene, measured={"curved": False}))
+    with pytest.raises(InputError, match="contact.force_n goes to 40 N, but the heaviest load of the table is 20 N"):
+        resolve(change_scene(scene, contact={"force_n": [3, 40]}))
+
+
+def test_contacts_on_a_small_part_of_a_long_structure_are_told_as_well() -> None:
+    """Where the fit is evaluated, it is as fine as contacts need, however long the structure is."""
+    between, sensors_mm = np.linspace(20, 280, 14)[:, None], np.array(list(SENSORS_MM.values()))[:, None]
+    short, long = (
+        resolve(change_scene(scene_of(influence=loads_csv(25)), measured={"length_mm": length_mm}))
+        for length_mm in (300, 30_000)
+    )
+    assert np.allclose(*(surface.influence.at(sensors_mm, between) for surface in (short, long)), rtol=1e-3)
+
+
+def test_a_sensor_that_shows_a_single_load_is_named() -> None:
+    head, *rows = loads_csv(25).splitlines()
+    quiet = [",".join([*row.split(",")[:-1], "0"]) for row in rows[1:]]
+    with pytest.raises(InputError, match="right shows 0 under all loads but one; check it, or take it out"):
+        resolve(scene_of(influence="\n".join([head, rows[0], *quiet])))

@@ -19,13 +19,15 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import places_in
 from beamtouch_models.places import positions_of
 
-PLACES = 201
+PLACES, PLACES_OUTSIDE = 201, 41
 """Places along the structure at which the fit is evaluated; it is interpolated between them."""
 COARSE = 0.1
 """Largest part of the influence that may be unknown anywhere in the range of contacts. A sensor that is known no better
 tells places hardly better than whether something touches."""
 UNSTEADY = 0.2
 """Largest part of the influence by which a load may differ when it is put on anew."""
+BEYOND = 1.05
+"""A force may exceed the heaviest load of curved sensors by so much."""
 MORE = 40
 """Largest number of further loads that a message asks for."""
 SURELY = 8.0
@@ -105,7 +107,13 @@ def measured_structure_of(scene: Scene) -> MeasuredStructure:
     measured = scene.measured
     if measured is None:
         raise SceneError("measured is missing; add it")
-    noise_mm = _noise_mm(scene) if measured.curved else None
+    noise_mm, strongest_n = _noise_mm(scene) if measured.curved else None, max(scene.contact.force_range_n)
+    if measured.curved and strongest_n > BEYOND * (tried_n := float(measured.loads.force_n.max())):
+        raise SceneError(
+            f"contact.force_n goes to {strongest_n:g} N, but the heaviest load of the table is {tried_n:g} N, and "
+            f"nobody knows what a curved sensor shows beyond it; end contact.force_n at {tried_n:g}, or record heavier "
+            "loads"
+        )
     places = tuple(measured.places_mm.items())
     return _structure(measured.influence, places, measured.end_mm, scene.contact.position_mm, noise_mm)
 
@@ -142,7 +150,9 @@ def _structure(
         position_mm, values, shares = mean_at_places(position_mm, force_n, shown_mm, characteristics, noise_mm)
         force_n = np.ones(len(position_mm))
     fit = SmoothFit.of(position_mm, values, force_n)
-    at_mm = np.linspace(0.0, length_mm, PLACES)
+    if silent := [name for name, shown in zip(names, values.T, strict=True) if np.count_nonzero(shown) <= 1]:
+        raise SceneError(f"measured.influence: {silent[0]} shows 0 under all loads but one; check it, or take it out")
+    at_mm = _grid_mm(contacts_mm, length_mm)
     mean, between = fit.at(at_mm)
     is_contact = (at_mm >= contacts_mm[0]) & (at_mm <= contacts_mm[1])
     largest = np.sqrt(np.mean(mean[is_contact] ** 2, axis=0))
@@ -167,6 +177,13 @@ def _structure(
         shares,
         characteristics,
     )
+
+
+def _grid_mm(contacts_mm: tuple[float, float], length_mm: float) -> Floats:
+    """Return where the fit is evaluated, most of it where contacts are: they may take a small part of the length."""
+    low, high = contacts_mm
+    outside = np.linspace(0.0, low, PLACES_OUTSIDE), np.linspace(high, length_mm, PLACES_OUTSIDE)
+    return np.unique(np.concatenate([*outside, np.linspace(low, high, PLACES)]))
 
 
 def _contradiction(fit: SmoothFit, values: Floats, force_n: Floats, largest: Floats, names: tuple[str, ...]) -> str:

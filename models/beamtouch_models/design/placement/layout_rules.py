@@ -118,7 +118,7 @@ class LayoutRules:
         is left, one after the other, and None says that this did not end.
         """
         if self.axes == 1:
-            span = self.place_mm[-1] - self.place_mm[0]
+            span = self.place_mm[-1] - self.place_mm[0] or 1.0  # there may be one candidate
             return self.on_line.best(-(((np.sort(wanted_mm, axis=0) - self.place_mm.T) / span) ** 2))
         if len(wanted_mm) < len(self.fixed):
             return None
