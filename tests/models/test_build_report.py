@@ -240,10 +240,11 @@ def test_a_stop_stands_where_the_largest_force_leaves_it_free_and_the_sensor_in_
     surface, metadata = facts.built.layout.surface, facts.model.metadata
     answers = {question.asked: question.answer for question in questions(surface, metadata, (1.0, 1.0), 1.0, 2.0)}
     told = re.search(
-        r"beside (s\d), at .* mm, .*: ([\d.]+) to ([\d.]+) mm below", answers["What if the force is larger?"]
+        r"beside each sensor, ([\d.]+) to ([\d.]+) mm below .* closest at (s\d), ",
+        answers["What if the force is larger?"],
     )
     assert told is not None
-    name, free, ends = told[1], float(told[2]), float(told[3])
+    free, ends, name = float(told[1]), float(told[2]), told[3]
     influence = np.array(metadata.influence.mm_per_n)
     index = [channel.name for channel in metadata.layout].index(name)
     assert influence[:, index].max() == influence.max()

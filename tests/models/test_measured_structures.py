@@ -281,7 +281,7 @@ def test_curved_sensors_are_straightened_by_their_own_loads() -> None:
     assert off_mm < 1.0
     with pytest.raises(InputError, match="as if loads did not stand where the table says"):
         resolve(change_scene(scene, measured={"curved": False}))
-    with pytest.raises(InputError, match="contact.force_n goes to 40 N, but the heaviest load of the table is 20 N"):
+    with pytest.raises(InputError, match=r"contact\.force_n goes to 40 N, but the heaviest load of the table is 20 N"):
         resolve(change_scene(scene, contact={"force_n": [3, 40]}))
 
 
@@ -292,7 +292,8 @@ def test_contacts_on_a_small_part_of_a_long_structure_are_told_as_well() -> None
         resolve(change_scene(scene_of(influence=loads_csv(25)), measured={"length_mm": length_mm}))
         for length_mm in (300, 30_000)
     )
-    assert np.allclose(*(surface.influence.at(sensors_mm, between) for surface in (short, long)), rtol=1e-3)
+    told, wanted = (surface.influence.at(sensors_mm, between) for surface in (long, short))
+    assert np.allclose(told, wanted, rtol=1e-3)
 
 
 def test_a_sensor_that_shows_a_single_load_is_named() -> None:
