@@ -63,10 +63,15 @@ NEED_A_DEVICE = {
     "all zeros have moved together": "tests/service/test_alarms.py",
     "times what is stated": "tests/daemon/test_warm_hall.py",
     "no intact frame has come since the port was opened": "tests/daemon/test_debug_log.py",
-    "not a byte came; the last intact frame came": "tests/daemon/test_debug_log.py",
+    "other units answer, so the line works": "tests/daemon/test_debug_log.py",
+    "the late answer of unit 1 to the request before, read ": "tests/daemon/test_debug_log.py",
     "the request itself, which an adapter echoes": "tests/daemon/test_debug_log.py",
     "the beginning of an answer of unit 1, which breaks off": "tests/daemon/test_debug_log.py",
-    "the beginning of an answer of unit 1, with a wrong checksum": "tests/daemon/test_debug_log.py",
+    "an answer of unit 1 with a wrong checksum, and none was intact": "tests/daemon/test_debug_log.py",
+    "an answer of unit 1 with a wrong checksum, where others were intact": "tests/daemon/test_debug_log.py",
+    "a second answer of unit 1 to one request, unlike the first": "tests/daemon/test_debug_log.py",
+    "a second answer of unit 1 to one request, equal to the first": "tests/daemon/test_debug_log.py",
+    "another master is on the line, at another baud rate or parity": "tests/daemon/test_debug_log.py",
     "an intact answer of unit 1, to an earlier request": "tests/daemon/test_debug_log.py",
     "a request of another master to unit 1": "tests/daemon/test_debug_log.py",
     "an intact frame with function 6": "tests/daemon/test_debug_log.py",
@@ -84,6 +89,7 @@ CONSOLE = {
     "docs/how-to/debian.md": 9,  # packages, systemd and root
     "docs/how-to/design.md": 1,  # minutes on all cores
     "docs/how-to/drift.md": 1,  # a line that is not that of the guide
+    "docs/how-to/measured.md": 1,  # a person puts loads on the structure
     "docs/how-to/mqtt.md": 3,  # a broker
     "docs/how-to/opcua.md": 1,  # the name of a host
     "docs/how-to/sweeps.md": 1,  # a cluster

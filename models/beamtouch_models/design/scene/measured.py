@@ -1,19 +1,23 @@
 """The measured structure of a scene: anything elastic whose influence was measured, in place of a beam."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from beamtouch_common.encodings import decode
 from beamtouch_models.design.rows import RecordingError
 from beamtouch_models.design.scene.beam import DIGITS, text_of
-from beamtouch_models.design.scene.measured_loads import MeasuredLoads, parse_loads
 from beamtouch_models.design.scene.tables import Finite, PositiveFinite, Strict
+
+if TYPE_CHECKING:
+    from beamtouch_models.design.scene.measured_loads import MeasuredLoads
 
 FOLDER = "folder"
 """Key of the validation's context: the folder that the path of a table is relative to."""
@@ -51,7 +55,7 @@ class Measured(Strict):
         return _read(_content_of(path), value).to_csv()
 
     @model_validator(mode="after")
-    def _sensors_are_known(self) -> "Measured":
+    def _sensors_are_known(self) -> Measured:
         names = self.loads.names
         if unknown := [name for name in self.sensors_mm if name not in names]:
             raise ValueError(f"sensors_mm names {unknown[0]}, but the table has {', '.join(names)}")
@@ -101,6 +105,8 @@ def _content_of(path: Path) -> str:
 
 @lru_cache(maxsize=16)
 def _read(text: str, origin: str) -> MeasuredLoads:
+    from beamtouch_models.design.scene.measured_loads import parse_loads  # noqa: PLC0415  # no help waits for numpy
+
     try:
         return parse_loads(text, origin)
     except RecordingError as error:
@@ -112,7 +118,7 @@ def _where_most(loads: MeasuredLoads, length_mm: float) -> dict[str, float]:
     step_mm = NUDGE * length_mm
     places: dict[str, float] = {}
     for name, shown in zip(loads.names, loads.influence_mm_per_n.T, strict=True):
-        there = float(loads.position_mm[np.abs(shown).argmax()])
+        there = float(loads.position_mm[abs(shown).argmax()])
         side = step_mm if there <= length_mm / 2 else -step_mm
         while any(abs(there - taken) < step_mm / 2 for taken in places.values()):
             there += side
