@@ -15,7 +15,7 @@ def test_less_effort_scores_fewer_layouts_and_states_larger_errors(
     design_sensors_here: Command, tmp_path: Path
 ) -> None:
     path = tmp_path / "scene.toml"
-    path.write_text(PAPER.replace("count = 2", "count = 3\ngrid_mm = 19"))
+    path.write_text(PAPER.replace("count = 2", "count = 3"))
     more, less = (
         json.loads(design_sensors_here("place", path, "--effort", effort, "--json").stdout) for effort in (0.2, 0.01)
     )
