@@ -128,7 +128,7 @@ async def serve(port: int, acquisitions: Sequence[Acquisition], logs: Logs, part
             await asyncio.sleep(backoff.next())
     fault.over()
     try:
-        while thread.is_alive():  # noqa: ASYNC110 - the thread tells nobody
+        while thread.is_alive():  # noqa: ASYNC110  # a thread cannot be awaited
             await asyncio.sleep(WATCH_S)
         raise RuntimeError("the thread that answers has ended")
     finally:

@@ -22,8 +22,8 @@ class Unreadable:
     reason: str
 
 
-def _read_json(text: str | bytes | float) -> Any:  # noqa: ANN401  # JSON
-    """Return the value of a JSON column."""
+def _read_json(text: str | bytes | float) -> object:
+    """Return the value of a JSON column, or `Unreadable` if it is damaged."""
     try:
         # SQLite makes a number of a text that is one.
         return json.loads(text) if isinstance(text, str | bytes) else text
