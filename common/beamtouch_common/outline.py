@@ -8,6 +8,8 @@ from typing import NamedTuple
 BEAM_AXIS = "position"
 """The only axis of a beam."""
 BEAM_AXES = (BEAM_AXIS,)
+PLATE_AXES = ("x", "y")
+"""The axes of a plate."""
 
 
 @cache

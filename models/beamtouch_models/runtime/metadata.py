@@ -37,6 +37,8 @@ EVIDENCE_OUTPUTS = ("contact_log_odds", "misfit")
 POSITION_OUTPUTS = (*names_of(BEAM_AXIS, "mm"), *EVIDENCE_OUTPUTS)
 """Outputs of a beam."""
 FORCE_OUTPUTS = names_of("force", "n")
+CORRELATION_OUTPUT = "place_correlation"
+"""Output of two axes: the correlation of the two coordinates, -1 to 1, which makes an ellipse of their intervals."""
 SCHEMA_VERSION: Literal[5] = 5
 METADATA_PREFIX = "beamtouch."
 THIS_FILE = "MODEL.onnx"

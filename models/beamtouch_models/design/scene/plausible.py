@@ -32,6 +32,9 @@ MIN_EXPANSION, MAX_EXPANSION = 1e-3, 1e3
 def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
     """Yield what to change in each place that is clearly a mistake."""
     length, on_the_beam = beam.length_mm, f"the beam, 0..{beam.length_mm:g} mm"
+    if len(contact.ranges_mm) > 1:
+        yield "contact has x_mm and y_mm, but a beam has one axis; state position_mm in their place"
+        return
     yield from _in_metres(beam, contact, sensors)
     if contact.position_mm[0] < 0 or contact.position_mm[1] > length:
         yield f"contact.position_mm = {list(contact.position_mm)} reaches beyond {on_the_beam}"

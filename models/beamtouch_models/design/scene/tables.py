@@ -4,6 +4,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, model_validator
 
+from beamtouch_models.errors import SceneError
+
 FARTHEST_K = 150.0
 """A beam that is always more than this above its mounting temperature was stated in absolute kelvin."""
 FORCE_TOLERANCE_PERCENT = 1.0
@@ -43,13 +45,22 @@ class Strict(BaseModel):
 class Contact(Strict):
     """The contacts that the surface is designed for, uniform over their ranges."""
 
+    model_config = ConfigDict(
+        serialize_by_alias=True,
+        json_schema_extra={"oneOf": [{"required": ["position_mm"]}, {"required": ["x_mm", "y_mm"]}]},
+    )
+
     force_n: PositiveFinite | PositivePair
     """One number if the force is known, within `force_tolerance_percent`; otherwise its range. What contradicts a range
     whose largest force is less than twice the smallest is no contact."""
     force_tolerance_percent: Annotated[float, Field(ge=0, lt=100)] | None = None
     """How far the force may be from one number, above or below; by default 1. 0: it is exact."""
-    position_mm: Pair
+    stated_position_mm: Pair | None = Field(default=None, alias="position_mm")
     """Range of positions, from the left end of the beam."""
+    x_mm: Pair | None = None
+    """On a structure of two axes: range along the first one, in place of `position_mm`."""
+    y_mm: Pair | None = None
+    """On a structure of two axes: range along the second one."""
     width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """Length over which a contact presses evenly, centred at its position; 0 is a point."""
 
@@ -62,9 +73,28 @@ class Contact(Strict):
             )
         if self.force_range_n[0] > self.force_range_n[1]:
             raise ValueError(f"force_n = {list(self.force_range_n)}: the first must not exceed the second")
-        if self.position_mm[0] >= self.position_mm[1]:
-            raise ValueError(f"position_mm = {list(self.position_mm)}: the first must be less than the second")
+        stated = {"position_mm": self.stated_position_mm, "x_mm": self.x_mm, "y_mm": self.y_mm}
+        keys = [key for key, ends in stated.items() if ends is not None]
+        if keys not in (["position_mm"], ["x_mm", "y_mm"]):
+            has = f"{' and '.join(keys)} alone" if keys else "no range of places"
+            raise ValueError(f"it has {has}; state position_mm, or x_mm and y_mm on a structure of two axes")
+        for key, ends in stated.items():
+            if ends is not None and ends[0] >= ends[1]:
+                raise ValueError(f"{key} = {list(ends)}: the first must be less than the second")
         return self
+
+    @property
+    def position_mm(self) -> tuple[float, float]:
+        """Range of positions on a beam; SceneError on a structure of two axes."""
+        if self.stated_position_mm is None:
+            raise SceneError("contact has x_mm and y_mm, and this knows structures of one axis, with position_mm, only")
+        return self.stated_position_mm
+
+    @property
+    def ranges_mm(self) -> tuple[tuple[float, float], ...]:
+        """Range of places along each axis."""
+        stated = (self.stated_position_mm,) if self.x_mm is None else (self.x_mm, self.y_mm)
+        return tuple(ends for ends in stated if ends is not None)
 
     @property
     def force_range_n(self) -> tuple[float, float]:
