@@ -10,7 +10,7 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from beamtouch_common.names import Name
-from beamtouch_common.outline import BEAM_AXIS, Outline, Place, Span
+from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS, Outline, Place, Span
 
 HOLD = 1.32
 """An answer ends once the 95 % interval, widened to this many times its half-widths, no longer shows it: 99 % for a
@@ -22,6 +22,11 @@ MAX_ZONES = 6
 
 ZoneName = Name
 _Force = Annotated[FiniteFloat, Field(ge=0)]
+_Edges = Annotated[tuple[Annotated[FiniteFloat, Field(ge=0)], Annotated[FiniteFloat, Field(gt=0)]], Field(strict=False)]
+
+
+def _is_none(value: object) -> bool:
+    return value is None
 
 
 class ZoneState(StrEnum):
@@ -36,14 +41,18 @@ class ZoneState(StrEnum):
 
 
 class Zone(BaseModel):
-    """One zone: a part of the beam, and of the forces if it states a bound."""
+    """One zone: a part of a beam or a rectangle on a plate, and a part of the forces if it states a bound."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
-    from_mm: Annotated[FiniteFloat, Field(ge=0)]
-    """Its left edge, from the left end of the beam. 0: the zone begins with the beam."""
-    to_mm: Annotated[FiniteFloat, Field(gt=0)]
-    """Its right edge. The length of the beam: the zone ends with the beam."""
+    from_mm: Annotated[FiniteFloat, Field(ge=0)] | None = Field(None, exclude_if=_is_none)
+    """On a beam: its left edge, from the left end of the beam. 0: the zone begins with the beam."""
+    to_mm: Annotated[FiniteFloat, Field(gt=0)] | None = Field(None, exclude_if=_is_none)
+    """On a beam: its right edge. The length of the beam: the zone ends with the beam."""
+    x_mm: _Edges | None = Field(None, exclude_if=_is_none)
+    """On a plate: its two edges across `x`, from the edge of the plate, as `[100, 250]`."""
+    y_mm: _Edges | None = Field(None, exclude_if=_is_none)
+    """On a plate: its two edges across `y`."""
     least_force_n: _Force | None = None
     """Least force of a contact in it. Without it, there is no lower bound."""
     largest_force_n: _Force | None = None
@@ -53,8 +62,13 @@ class Zone(BaseModel):
 
     @model_validator(mode="after")
     def _ascends(self) -> Self:
-        if self.from_mm >= self.to_mm:
-            raise ValueError(f"from_mm = {self.from_mm:g} must be less than to_mm = {self.to_mm:g}")
+        keys = {"from_mm", "to_mm", "x_mm", "y_mm"} & self.model_fields_set
+        if keys not in ({"from_mm", "to_mm"}, {"x_mm", "y_mm"}):
+            raise ValueError("a zone needs from_mm and to_mm on a beam, x_mm and y_mm on a plate")
+        for axis, (begin_mm, end_mm) in self.ranges_mm.items():
+            if begin_mm >= end_mm:
+                begin, end = ("from_mm", "to_mm") if axis == BEAM_AXIS else (f"{axis}_mm[0]", f"{axis}_mm[1]")
+                raise ValueError(f"{begin} = {begin_mm:g} must be less than {end} = {end_mm:g}")
         least, largest = self.least_force_n, self.largest_force_n
         if least is not None and largest is not None and least >= largest:
             raise ValueError(f"least_force_n = {least:g} must be less than largest_force_n = {largest:g}")
@@ -68,16 +82,20 @@ class Zone(BaseModel):
     @property
     def ranges_mm(self) -> dict[str, tuple[float, float]]:
         """Axis -> first and last coordinate of the zone."""
-        return {BEAM_AXIS: (self.from_mm, self.to_mm)}
+        if self.from_mm is not None and self.to_mm is not None:
+            return {BEAM_AXIS: (self.from_mm, self.to_mm)}
+        return {axis: edges for axis, edges in (("x", self.x_mm), ("y", self.y_mm)) if edges}
 
     def conflict(self, outline: Outline, *, estimates_force: bool) -> str:
         """Return why a structure of this outline has no such zone, or a model without the force; empty if it has."""
         if tuple(self.ranges_mm) != outline.axes:
-            return f"its axis is {', '.join(self.ranges_mm)}, but those of the model are {', '.join(outline.axes)}"
+            return f"a zone of {outline} has {'from_mm and to_mm' if outline.axes == BEAM_AXES else 'x_mm and y_mm'}"
         for axis, (_, to_mm) in self.ranges_mm.items():
-            if to_mm > outline.lengths_mm[axis]:
-                length_mm = outline.lengths_mm[axis]
+            length_mm = outline.lengths_mm[axis]
+            if to_mm > length_mm and axis == BEAM_AXIS:
                 return f"to_mm = {to_mm:g} is beyond the end of the beam, which is {length_mm:g} mm long"
+            if to_mm > length_mm:
+                return f"{axis}_mm ends at {to_mm:g}, beyond the edge of {outline}: {length_mm:g} mm along {axis}"
         if self.has_force and not estimates_force:
             return 'a bound of the force needs a scene with "force" in its descriptors'
         return ""

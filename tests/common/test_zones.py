@@ -1,6 +1,7 @@
 """An interval and a zone of the beam: inside, outside, or unsure."""
 
 import pytest
+from pydantic import ValidationError
 
 from beamtouch_common.outline import BEAM_AXIS, Outline, Span
 from beamtouch_common.zones import BEGIN, Zone, ZoneState
@@ -43,3 +44,59 @@ LENGTH_MM = 400.0
 )
 def test_an_interval_lies_to_a_zone(zone: Zone, position: Span, force: Span | None, lies: ZoneState) -> None:
     assert zone.lies({BEAM_AXIS: position}, force, Outline.of_beam(LENGTH_MM), BEGIN) is lies
+
+
+PLATE = Outline({"x": 400.0, "y": 300.0})
+CORNER = Zone(x_mm=(0, 120), y_mm=(200, 300))
+
+
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    "On a plate, a zone is a rectangle, and the interval of each axis must lie in it",
+)
+@pytest.mark.parametrize(
+    ("x", "y", "lies"),
+    [
+        (at(60), at(250), I),
+        (at(118.3), at(250), I),
+        (at(118.4), at(250), U),
+        (at(60), at(200), U),
+        (at(60), at(198.3), O),
+        # Outside along one axis is outside, however uncertain the other one is.
+        (at(60, 100), at(100), O),
+        (at(130), at(250, 90), O),
+        # A contact is not beyond the edges of the plate.
+        (Span(1, -3, 4), Span(299, 297, 303), I),
+    ],
+)
+def test_intervals_lie_to_a_rectangle(x: Span, y: Span, lies: ZoneState) -> None:
+    assert CORNER.lies({"x": x, "y": y}, None, PLATE, BEGIN) is lies
+
+
+@pytest.mark.parametrize(
+    ("keys", "reason"),
+    [
+        ({"x_mm": (0, 9)}, "a zone needs from_mm and to_mm on a beam, x_mm and y_mm on a plate"),
+        ({"x_mm": (0, 9), "y_mm": (0, 9), "to_mm": 9}, "a zone needs from_mm and to_mm on a beam"),
+        ({}, "a zone needs from_mm and to_mm on a beam, x_mm and y_mm on a plate"),
+        ({"x_mm": (0, 9), "y_mm": (9, 9)}, r"y_mm\[0\] = 9 must be less than y_mm\[1\] = 9"),
+        ({"x_mm": (0, 9, 10), "y_mm": (0, 9)}, "at most 2 items"),
+    ],
+)
+def test_edges_of_a_zone_that_make_none_are_refused(keys: dict[str, object], reason: str) -> None:
+    with pytest.raises(ValidationError, match=reason):
+        Zone.model_validate(keys)
+
+
+def test_a_zone_is_of_a_beam_or_of_a_plate() -> None:
+    assert CORNER.conflict(PLATE, estimates_force=False) == ""
+    wide = Zone(x_mm=(0, 120), y_mm=(200, 310))
+    assert wide.conflict(PLATE, estimates_force=False) == (
+        "y_mm ends at 310, beyond the edge of a plate of 400 by 300 mm: 300 mm along y"
+    )
+    assert GATE.conflict(PLATE, estimates_force=False) == "a zone of a plate of 400 by 300 mm has x_mm and y_mm"
+    assert CORNER.conflict(Outline.of_beam(400), estimates_force=False) == (
+        "a zone of a beam of 400 mm has from_mm and to_mm"
+    )
+    assert CORNER.model_dump(exclude_none=True)["x_mm"] == (0, 120)
+    assert "x_mm" not in GATE.model_dump()

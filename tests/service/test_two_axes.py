@@ -117,6 +117,35 @@ def test_an_event_has_its_places_by_axis_also_after_a_restart(tmp_path: Path, is
     assert {name: float(row[name]) for name in OF_EVENT} == found
 
 
+RECTANGLES = SurfaceSection(
+    zones={
+        "near": Zone(x_mm=(140, 160), y_mm=(70, 80)),
+        "beside": Zone(x_mm=(140, 160), y_mm=(90, 120)),
+        "far": Zone(x_mm=(250, 300), y_mm=(100, 200), dwell_ms=15),
+    }
+)
+
+
+@pytest.mark.parametrize("is_lasting", [False, True])
+def test_rectangles_at_every_door_also_after_a_restart(tmp_path: Path, is_lasting: bool) -> None:
+    events = EventsSection(file=tmp_path / "events.db") if is_lasting else EventsSection()
+    bench = Bench(plate(RECTANGLES), events=events)
+    bench.send(RESTING, *[TOUCHING] * 3)
+    assert bench.contact()["zones"] == {"near": "inside", "beside": "outside", "far": "outside"}
+    (surface,) = bench.app.context.registry
+    assert Blocks([surface], "big").read(0, 60, bench.now_s)[42] == 0b01_01_11
+    read = values(surface, bench.now_s, datetime.now(UTC))
+    assert [read[f"zones/{name}"].Value.Value for name in RECTANGLES.zones] == ["inside", "outside", "outside"]
+    assert "zone_beside" in json.loads(description(Topics("beamtouch"), surface))["components"]
+    assert bench.get("/surfaces/press-7/beam").json()["zones"]["near"]["y_mm"] == [70, 80]
+    if is_lasting:
+        bench.stop()
+        bench = Bench(plate(RECTANGLES), events=events)
+    bench.send(TOUCHING, *[HARDER] * 4, RESTING, sequence=5, begin_us=1_795_218_046_143_456)
+    (event,) = bench.get("/events").json()["events"]
+    assert event["zones"] == {"near": 15.0, "far": 15.0}
+
+
 def test_a_list_of_events_on_beams_and_plates_has_the_columns_of_both() -> None:
     bench = Bench(plate(), surface_of("press-8"))
     for name in ("press-7", "press-8"):
@@ -137,7 +166,7 @@ def test_a_zone_of_a_beam_and_a_commissioning_are_refused_in_one_line(tmp_path: 
     section = SurfaceSection(zones={"gate": Zone(from_mm=120, to_mm=200)})
     keeper = ModelKeeper(plate(section), tmp_path / "plate.onnx", None)
     conflict = keeper.zone_conflict(model_of(outputs=PLATE_OUTPUTS))
-    assert conflict == "gate: its axis is position, but those of the model are x, y"
+    assert conflict == "gate: a zone of a plate of 400 by 300 mm has x_mm and y_mm"
     bench = Bench(plate())
     bench.send(RESTING)
     refused = bench.post({}, "/surfaces/press-7/commissioning").json()

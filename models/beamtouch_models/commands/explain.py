@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml
-from beamtouch_common.outline import Outline
+from beamtouch_common.outline import BEAM_AXIS, Outline
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.effort import Effort
@@ -128,7 +128,7 @@ def _bands_of(surface: Surface, zones: dict[str, Zone], effort: Effort) -> list[
     edges = []
     for name, zone in zones.items():
         range_n = _forces_n(zone, at_rest.force_n)
-        for edge_mm in (zone.from_mm, zone.to_mm):
+        for edge_mm in zone.ranges_mm[BEAM_AXIS]:
             if 0 < edge_mm < placed.diagonal_mm:
                 band = band_at(at_rest, edge_mm, SEED, range_n)
                 edges.append(Edge(name, edge_mm, band.width_mm, 100 * band.wrong))

@@ -99,7 +99,7 @@ class ZoneFollower:
         if memory is not None:
             self._last_us = int(memory["last_us"])
             for name, (zone, lies, inside_us, answer, has_entered) in dict(memory["zones"]).items():
-                if name in self.defined and self.defined[name].model_dump() == zone:
+                if name in self.defined and self.defined[name].model_dump(mode="json") == zone:
                     then, said = (one and ZoneState(one) for one in (lies, answer))
                     self._progress[name] = _Progress(self.defined[name], then, int(inside_us), said, has_entered)
 
@@ -110,8 +110,8 @@ class ZoneFollower:
     def memory(self) -> dict[str, Any]:
         """The state that it needs to go on in another process, as JSON."""
         kept = {
-            name: [progress.zone.model_dump(), progress.lies, progress.inside_us, progress.answer, progress.has_entered]
-            for name, progress in self._progress.items()
+            name: [one.zone.model_dump(mode="json"), one.lies, one.inside_us, one.answer, one.has_entered]
+            for name, one in self._progress.items()
         }
         return {"last_us": self._last_us, "zones": kept}
 
