@@ -7,10 +7,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beamtouch_common.zones import Zone
 from beamtouch_models.errors import ModelFileError
+from beamtouch_models.runtime import InfluenceCurve, Metadata
 from beamtouch_service.api.stream import state_of
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.outputs.modbus.blocks import Blocks
@@ -177,3 +179,25 @@ def test_a_model_whose_outputs_lack_an_axis_is_refused() -> None:
     lacking = tuple(name for name in PLATE_OUTPUTS if name != "x_mm")
     with pytest.raises(ModelFileError, match="output x_mm is missing"):
         model_of(outputs=lacking)
+
+
+@pytest.mark.parametrize(
+    ("entry", "changed", "reason"),
+    [
+        ("ranges", {"position_mm": [1, 399], "force_n": [1, 20]}, "has not 2 axes"),
+        ("smallest_force", {"position_mm": [9], "across_mm": [1, 2], "force_n": [1]}, "with 2 along the second axis"),
+        ("influence", {"mm_per_n": [[0.1] * 3] * 10, "across": 4}, "10 places are not rows of 4"),
+    ],
+)
+def test_metadata_whose_places_lack_an_axis_are_refused(entry: str, changed: dict[str, Any], reason: str) -> None:
+    entries = model_of(outputs=PLATE_OUTPUTS).metadata.to_entries()
+    with pytest.raises(ModelFileError, match=reason):
+        Metadata.from_entries(entries | {f"beamtouch.{entry}": json.dumps(changed)})
+
+
+def test_the_influence_of_a_plate_is_a_table_of_both_axes() -> None:
+    metadata = model_of(outputs=PLATE_OUTPUTS).metadata
+    curve = InfluenceCurve.of(metadata)
+    assert [(ticks[0], ticks[-1], len(ticks)) for ticks in curve.ticks] == [(1, 399, 5), (1, 299, 5)]
+    found, _ = curve.at(np.array([[1.0, 299.0], [399.0, 1.0]]))
+    assert found == pytest.approx(np.array(metadata.influence.mm_per_n)[[4, 20]])

@@ -58,20 +58,39 @@ class MetadataPart(BaseModel):
     __str__ = __repr__
 
 
+def _is_none(value: object) -> bool:
+    return value is None
+
+
 class Channel(MetadataPart):
     """One sensor of the layout."""
 
     name: Name
     position_mm: FiniteFloat
-    """From the left end of the beam."""
+    """Along the first axis: from the left end of the beam, or the left edge of the plate."""
+    across_mm: FiniteFloat | None = Field(None, exclude_if=_is_none)
+    """Along the second axis; None on a beam."""
+
+    @property
+    def place_mm(self) -> tuple[float, ...]:
+        """Its place, one number an axis."""
+        return (self.position_mm,) if self.across_mm is None else (self.position_mm, self.across_mm)
 
 
 class Ranges(MetadataPart):
     """The ranges that the model was made for; outside them its answers mean nothing."""
 
     position_mm: Pair
+    """Along the first axis."""
+    across_mm: Pair | None = Field(None, exclude_if=_is_none)
+    """Along the second axis; None on a beam."""
     force_n: PositivePair
     """Evidence of a force beyond it against a contact: `runtime.force_range`. Equal if the force is exact."""
+
+    @property
+    def place_mm(self) -> tuple[tuple[float, float], ...]:
+        """The range of each axis."""
+        return (self.position_mm,) if self.across_mm is None else (self.position_mm, self.across_mm)
 
 
 class Sensor(MetadataPart):
@@ -133,20 +152,28 @@ class Influence(MetadataPart):
     """The influence at the sensors, as the estimator knows it: with gains and positions of a calibration."""
 
     mm_per_n: list[list[FiniteFloat]] = Field(min_length=4)
-    """For evenly spaced positions of the contact from end to end of the range, the deflection at each sensor."""
+    """For evenly spaced places of the contact from end to end of each range, the deflection at each sensor. On a plate,
+    places along the second axis stand side by side."""
+    across: Annotated[int, Field(ge=4)] | None = Field(None, exclude_if=_is_none)
+    """Number of places along the second axis; None on a beam."""
 
 
 class DrawnSupport(MetadataPart):
-    """A support of the beam, as a page draws it."""
+    """A support of the structure, as a page draws it."""
 
     at_mm: FiniteFloat
-    kind: Literal["simple", "fixed"]
+    """Along the first axis."""
+    kind: Literal["simple", "fixed", "spring"]
     slides: bool
     """True if the beam can move lengthwise on it."""
+    across_mm: FiniteFloat | None = Field(None, exclude_if=_is_none)
+    """Along the second axis; None on a beam."""
+    end_mm: Pair | None = Field(None, exclude_if=_is_none)
+    """The other end of a support that is a line on a plate; None if it is a point."""
 
 
 class BeamDrawing(MetadataPart):
-    """The beam as a page draws it."""
+    """The structure as a page draws it: a plate from above, without its shape, which is a straight line here."""
 
     supports: list[DrawnSupport]
     """From left to right."""
@@ -157,7 +184,7 @@ class BeamDrawing(MetadataPart):
     deflection_mm_per_n: list[list[FiniteFloat]]
     """For each position of the contact, the deflection along the beam."""
     sensor_mm: NonNegativeFloat
-    """Width of a sensor's housing along the beam."""
+    """Width of a sensor's housing."""
 
 
 Threshold = Annotated[float, Field(ge=0, le=1e6)]
@@ -178,10 +205,12 @@ class Thresholds(MetadataPart):
 
 
 class SmallestForce(MetadataPart):
-    """The smallest force that a settled sample shows along the beam, with all channels."""
+    """The smallest force that a settled sample shows, with all channels."""
 
     position_mm: Annotated[list[FiniteFloat], Field(min_length=1)]
-    """Evenly spaced from end to end of the range, and the supports within it."""
+    """Along the first axis. On a beam evenly spaced from end to end of the range, and the supports within it."""
+    across_mm: list[FiniteFloat] | None = Field(None, exclude_if=_is_none)
+    """Along the second axis, for each of these; None on a beam."""
     force_n: list[PositiveFloat | None]
     """95 of 100 settled samples at this force are a contact; null: nothing is seen, as at a support."""
 
@@ -189,7 +218,15 @@ class SmallestForce(MetadataPart):
     def _consistent(self) -> Self:
         if len(self.force_n) != len(self.position_mm):
             raise ValueError(f"{len(self.position_mm)} positions with {len(self.force_n)} forces")
+        if self.across_mm is not None and len(self.across_mm) != len(self.position_mm):
+            raise ValueError(f"{len(self.position_mm)} positions with {len(self.across_mm)} along the second axis")
         return self
+
+    @property
+    def place_mm(self) -> list[tuple[float, ...]]:
+        """Its places, one number an axis each."""
+        columns = [self.position_mm] if self.across_mm is None else [self.position_mm, self.across_mm]
+        return list(zip(*columns, strict=True))
 
 
 class SinceTouch(MetadataPart):
@@ -368,6 +405,13 @@ class Metadata(MetadataPart):
             raise ValueError(f"min_channels: {self.min_channels} of {len(names)} channels")
         if len(set(self.axes)) != len(self.axes) or len(self.axes) != (1 if self.width_mm is None else 2):
             raise ValueError(f"axes: {', '.join(self.axes)}, with width_mm = {self.width_mm}; only two axes have one")
+        across = [*(one.across_mm for one in self.layout), self.ranges.across_mm, self.influence.across]
+        if any((one is None) != (self.width_mm is None) for one in [*across, self.smallest_force.across_mm]):
+            raise ValueError(f"layout, ranges, influence or smallest_force has not {len(self.axes)} axes")
+        if self.influence.across and len(self.influence.mm_per_n) % self.influence.across:
+            raise ValueError(
+                f"influence: {len(self.influence.mm_per_n)} places are not rows of {self.influence.across}"
+            )
         golden, limits = self.golden, self.thresholds
         without, uncertain = self.placed.limit_without_percent, self.placed.limit_without_standard_error
         departures = self.calibration.departures if self.calibration else None
@@ -391,6 +435,11 @@ class Metadata(MetadataPart):
     def layout_mm(self) -> Floats:
         """Positions of the sensors (channels,) in mm from the left end, in input order."""
         return np.array([channel.position_mm for channel in self.layout])
+
+    @property
+    def sensor_places_mm(self) -> Floats:
+        """Places of the sensors (channels, axes) in mm, in input order."""
+        return np.array([channel.place_mm for channel in self.layout])
 
     @property
     def outline(self) -> Outline:

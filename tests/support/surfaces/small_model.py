@@ -129,17 +129,25 @@ def _golden(model: onnx.ModelProto, channels: int) -> Golden:
 def _content(
     name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str, beam: str, spoiled: str
 ) -> bytes:
-    model = _graph(channels, outputs, spoiled)
+    model, is_plate = _graph(channels, outputs, spoiled), "y_mm" in outputs
+    places = 25 if is_plate else 9
     metadata = Metadata(
         name=name,
         beam=beam,
         estimator="tiny",
         length_mm=400,
-        axes=["x", "y"] if "y_mm" in outputs else ["position"],
-        width_mm=300 if "y_mm" in outputs else None,
-        layout=[Channel(name=f"{prefix}{i + 1}", position_mm=min(100.0 * (i + 1), 400.0)) for i in range(channels)],
+        axes=["x", "y"] if is_plate else ["position"],
+        width_mm=300 if is_plate else None,
+        layout=[
+            Channel(
+                name=f"{prefix}{i + 1}",
+                position_mm=min(100.0 * (i + 1), 400.0),
+                across_mm=50.0 + 100.0 * (i % 3) if is_plate else None,
+            )
+            for i in range(channels)
+        ],
         min_channels=min_channels,
-        ranges=Ranges(position_mm=(1, 399), force_n=(1, 20)),
+        ranges=Ranges(position_mm=(1, 399), across_mm=(1, 299) if is_plate else None, force_n=(1, 20)),
         max_deflection_mm=1,
         noise=Noise(reading_mm=0.01, sample_mm=0.01),
         filter=FilterChoice(),
@@ -151,12 +159,13 @@ def _content(
             misfit=[1e6, 1e6, *[30.0] * channels][:channels],
             false_contacts_per_day=1 / 30,
         ),
-        smallest_force=SmallestForce(position_mm=[200.0], force_n=[0.5]),
+        smallest_force=SmallestForce(position_mm=[200.0], across_mm=[150.0] if is_plate else None, force_n=[0.5]),
         drawn=BeamDrawing(
             supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]], sensor_mm=8.0
         ),
         influence=Influence(
-            mm_per_n=[[0.01 * (1 + (place + 3 * i) % 7) for i in range(channels)] for place in range(9)]
+            mm_per_n=[[0.01 * (1 + (place + 3 * i) % 7) for i in range(channels)] for place in range(places)],
+            across=5 if is_plate else None,
         ),
         placed=LayoutErrors(
             criterion="position-error", failed_percent=10.0, limit_without_percent=[], limit_without_standard_error=[]
