@@ -184,9 +184,8 @@ def test_a_model_whose_outputs_lack_an_axis_is_refused() -> None:
 @pytest.mark.parametrize(
     ("entry", "changed", "reason"),
     [
-        ("ranges", {"position_mm": [1, 399], "force_n": [1, 20]}, "has not 2 axes"),
-        ("smallest_force", {"position_mm": [9], "across_mm": [1, 2], "force_n": [1]}, "with 2 along the second axis"),
-        ("influence", {"mm_per_n": [[0.1] * 3] * 10, "across": 4}, "10 places are not rows of 4"),
+        ("ranges", {"position_mm": [1, 399], "force_n": [1, 20]}, "layout and ranges have it on two axes"),
+        ("smallest_force", {"position_mm": [9], "across_mm": [1, 2], "force_n": [1]}, "1 positions with 2 across"),
     ],
 )
 def test_metadata_whose_places_lack_an_axis_are_refused(entry: str, changed: dict[str, Any], reason: str) -> None:

@@ -135,10 +135,8 @@ class InfluenceCurve(Curve):
     @classmethod
     def of(cls, metadata: Metadata) -> Self:
         """Return the influence of a model."""
-        table, across = np.array(metadata.influence.mm_per_n), metadata.influence.across or 1
-        counts = (len(table) // across, across)
-        ticks = [np.linspace(*ends, count) for ends, count in zip(metadata.ranges.place_mm, counts, strict=False)]
-        return cls(tuple(ticks), table, metadata.departures)
+        table = np.array(metadata.influence.mm_per_n)
+        return cls(tuple(metadata.extent.ticks(len(table))), table, metadata.departures)
 
     def measured_mm(self, place_mm: Floats, force_n: Floats) -> Floats:
         """Return what the sensors measure under contacts at places (contacts, axes), (contacts, channels)."""

@@ -23,6 +23,7 @@ from beamtouch_common.outline import BEAM_AXIS, Outline, names_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.names import Criterion
+from beamtouch_models.places import Extent
 
 Deviation = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
@@ -45,6 +46,10 @@ THIS_FILE = "MODEL.onnx"
 """Stands for the name of the file in a message; the loader knows the name."""
 
 
+def _is_none(value: object) -> bool:
+    return value is None
+
+
 class MetadataPart(BaseModel):
     """A part of the metadata. It is immutable, and unknown fields are refused."""
 
@@ -58,39 +63,25 @@ class MetadataPart(BaseModel):
     __str__ = __repr__
 
 
-def _is_none(value: object) -> bool:
-    return value is None
-
-
 class Channel(MetadataPart):
     """One sensor of the layout."""
 
     name: Name
     position_mm: FiniteFloat
-    """Along the first axis: from the left end of the beam, or the left edge of the plate."""
-    across_mm: FiniteFloat | None = Field(None, exclude_if=_is_none)
-    """Along the second axis; None on a beam."""
-
-    @property
-    def place_mm(self) -> tuple[float, ...]:
-        """Its place, one number an axis."""
-        return (self.position_mm,) if self.across_mm is None else (self.position_mm, self.across_mm)
+    """From the left end of the beam; on a plate, along its first axis."""
+    across_mm: FiniteFloat | None = Field(default=None, exclude_if=_is_none)
+    """Along the second axis; only on a plate."""
 
 
 class Ranges(MetadataPart):
     """The ranges that the model was made for; outside them its answers mean nothing."""
 
     position_mm: Pair
-    """Along the first axis."""
-    across_mm: Pair | None = Field(None, exclude_if=_is_none)
-    """Along the second axis; None on a beam."""
+    """On a plate, along its first axis."""
+    across_mm: Pair | None = Field(default=None, exclude_if=_is_none)
+    """Along the second axis; only on a plate."""
     force_n: PositivePair
     """Evidence of a force beyond it against a contact: `runtime.force_range`. Equal if the force is exact."""
-
-    @property
-    def place_mm(self) -> tuple[tuple[float, float], ...]:
-        """The range of each axis."""
-        return (self.position_mm,) if self.across_mm is None else (self.position_mm, self.across_mm)
 
 
 class Sensor(MetadataPart):
@@ -152,28 +143,26 @@ class Influence(MetadataPart):
     """The influence at the sensors, as the estimator knows it: with gains and positions of a calibration."""
 
     mm_per_n: list[list[FiniteFloat]] = Field(min_length=4)
-    """For evenly spaced places of the contact from end to end of each range, the deflection at each sensor. On a plate,
-    places along the second axis stand side by side."""
-    across: Annotated[int, Field(ge=4)] | None = Field(None, exclude_if=_is_none)
-    """Number of places along the second axis; None on a beam."""
+    """For evenly spaced positions of the contact from end to end of the range, the deflection at each sensor. On a
+    plate they are a square grid, those of the second axis side by side."""
 
 
 class DrawnSupport(MetadataPart):
     """A support of the structure, as a page draws it."""
 
     at_mm: FiniteFloat
-    """Along the first axis."""
+    """On a plate, along its first axis."""
     kind: Literal["simple", "fixed", "spring"]
     slides: bool
     """True if the beam can move lengthwise on it."""
-    across_mm: FiniteFloat | None = Field(None, exclude_if=_is_none)
-    """Along the second axis; None on a beam."""
-    end_mm: Pair | None = Field(None, exclude_if=_is_none)
+    across_mm: FiniteFloat | None = Field(default=None, exclude_if=_is_none)
+    """Along the second axis; only on a plate."""
+    end_mm: Pair | None = Field(default=None, exclude_if=_is_none)
     """The other end of a support that is a line on a plate; None if it is a point."""
 
 
 class BeamDrawing(MetadataPart):
-    """The structure as a page draws it: a plate from above, without its shape, which is a straight line here."""
+    """The structure as a page draws it: a plate from above, and its shape as a straight line."""
 
     supports: list[DrawnSupport]
     """From left to right."""
@@ -205,12 +194,12 @@ class Thresholds(MetadataPart):
 
 
 class SmallestForce(MetadataPart):
-    """The smallest force that a settled sample shows, with all channels."""
+    """The smallest force that a settled sample shows along the beam, with all channels."""
 
     position_mm: Annotated[list[FiniteFloat], Field(min_length=1)]
-    """Along the first axis. On a beam evenly spaced from end to end of the range, and the supports within it."""
-    across_mm: list[FiniteFloat] | None = Field(None, exclude_if=_is_none)
-    """Along the second axis, for each of these; None on a beam."""
+    """Evenly spaced from end to end of the range, and the supports within it; on a plate, along its first axis."""
+    across_mm: list[FiniteFloat] | None = Field(default=None, exclude_if=_is_none)
+    """Along the second axis; only on a plate."""
     force_n: list[PositiveFloat | None]
     """95 of 100 settled samples at this force are a contact; null: nothing is seen, as at a support."""
 
@@ -219,14 +208,8 @@ class SmallestForce(MetadataPart):
         if len(self.force_n) != len(self.position_mm):
             raise ValueError(f"{len(self.position_mm)} positions with {len(self.force_n)} forces")
         if self.across_mm is not None and len(self.across_mm) != len(self.position_mm):
-            raise ValueError(f"{len(self.position_mm)} positions with {len(self.across_mm)} along the second axis")
+            raise ValueError(f"{len(self.position_mm)} positions with {len(self.across_mm)} across")
         return self
-
-    @property
-    def place_mm(self) -> list[tuple[float, ...]]:
-        """Its places, one number an axis each."""
-        columns = [self.position_mm] if self.across_mm is None else [self.position_mm, self.across_mm]
-        return list(zip(*columns, strict=True))
 
 
 class SinceTouch(MetadataPart):
@@ -307,7 +290,12 @@ class Departures(MetadataPart):
         return cls(position_offset_mm=[0.0] * channels, gain=[1.0] * channels, offset_mm=[0.0] * channels)
 
     def sensors_mm(self, layout_mm: Floats, length_mm: float) -> Floats:
-        """Return the true positions (channels,) of the sensors of a layout on a beam of this length."""
+        """Return the true positions (channels,) of the sensors of a layout on a beam of this length.
+
+        Those of a plate (channels, 2) are as stated: no calibration moves them.
+        """
+        if layout_mm.ndim > 1:
+            return layout_mm
         true_mm: Floats = np.clip(layout_mm + np.array(self.position_offset_mm), 0.0, length_mm)
         return true_mm
 
@@ -405,13 +393,9 @@ class Metadata(MetadataPart):
             raise ValueError(f"min_channels: {self.min_channels} of {len(names)} channels")
         if len(set(self.axes)) != len(self.axes) or len(self.axes) != (1 if self.width_mm is None else 2):
             raise ValueError(f"axes: {', '.join(self.axes)}, with width_mm = {self.width_mm}; only two axes have one")
-        across = [*(one.across_mm for one in self.layout), self.ranges.across_mm, self.influence.across]
-        if any((one is None) != (self.width_mm is None) for one in [*across, self.smallest_force.across_mm]):
-            raise ValueError(f"layout, ranges, influence or smallest_force has not {len(self.axes)} axes")
-        if self.influence.across and len(self.influence.mm_per_n) % self.influence.across:
-            raise ValueError(
-                f"influence: {len(self.influence.mm_per_n)} places are not rows of {self.influence.across}"
-            )
+        across = [self.ranges.across_mm, *(channel.across_mm for channel in self.layout)]
+        if any((one is None) == (len(self.axes) > 1) for one in across):
+            raise ValueError("across_mm: layout and ranges have it on two axes, and only there")
         golden, limits = self.golden, self.thresholds
         without, uncertain = self.placed.limit_without_percent, self.placed.limit_without_standard_error
         departures = self.calibration.departures if self.calibration else None
@@ -433,19 +417,31 @@ class Metadata(MetadataPart):
 
     @property
     def layout_mm(self) -> Floats:
-        """Positions of the sensors (channels,) in mm from the left end, in input order."""
-        return np.array([channel.position_mm for channel in self.layout])
+        """Positions of the sensors (channels,) in mm from the left end, in input order; on a plate (channels, 2)."""
+        if len(self.axes) == 1:
+            return np.array([channel.position_mm for channel in self.layout])
+        return np.array([[channel.position_mm, channel.across_mm] for channel in self.layout], dtype=np.float64)
 
     @property
-    def sensor_places_mm(self) -> Floats:
-        """Places of the sensors (channels, axes) in mm, in input order."""
-        return np.array([channel.place_mm for channel in self.layout])
+    def size_mm(self) -> tuple[float, ...]:
+        """Length along each axis."""
+        return (self.length_mm,) if self.width_mm is None else (self.length_mm, self.width_mm)
+
+    @property
+    def diagonal_mm(self) -> float:
+        """Length of which errors are a percentage: that of a beam, the diagonal of a plate."""
+        return math.hypot(*self.size_mm)
+
+    @property
+    def extent(self) -> Extent:
+        """The places that contacts may have."""
+        across_mm = self.ranges.across_mm
+        return Extent((self.ranges.position_mm,) if across_mm is None else (self.ranges.position_mm, across_mm))
 
     @property
     def outline(self) -> Outline:
         """The axes with their lengths."""
-        lengths_mm = [self.length_mm] if self.width_mm is None else [self.length_mm, self.width_mm]
-        return Outline(dict(zip(self.axes, lengths_mm, strict=True)))
+        return Outline(dict(zip(self.axes, self.size_mm, strict=True)))
 
     @property
     def departures(self) -> Departures:

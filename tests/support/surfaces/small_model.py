@@ -165,7 +165,6 @@ def _content(
         ),
         influence=Influence(
             mm_per_n=[[0.01 * (1 + (place + 3 * i) % 7) for i in range(channels)] for place in range(places)],
-            across=5 if is_plate else None,
         ),
         placed=LayoutErrors(
             criterion="position-error", failed_percent=10.0, limit_without_percent=[], limit_without_standard_error=[]
