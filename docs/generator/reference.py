@@ -22,6 +22,7 @@ from beamtouch_models.lab.rig.loads import Script
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_service.config import ConfigFile
 from beamtouch_service.problems import ProblemBody
+from beamtouch_service.record import EventWithPath
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.fields import Contact
 from helps import helps_as_markdown, registers
@@ -37,7 +38,12 @@ FILES: dict[str, tuple[type[BaseModel], str]] = {
     "rig-imperfections": (Imperfections, "Imperfections of beamtouch-rig"),
 }
 """Files that people write, by the name of their schema."""
-ANSWERS: dict[str, type[BaseModel]] = {"contact": Contact, "problem": ProblemBody, "batch": Batch}
+ANSWERS: dict[str, type[BaseModel]] = {
+    "contact": Contact,
+    "event": EventWithPath,
+    "problem": ProblemBody,
+    "batch": Batch,
+}
 """What programs send and receive as JSON."""
 DOCS = ROOT / "docs"
 SCHEMAS = DOCS / "schemas"

@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from beamtouch_service.api.events import EventList, EventWithPath
+from beamtouch_service.api.events import EventList
 from beamtouch_service.problems import Kind
+from beamtouch_service.record import EventWithPath
 from beamtouch_service.surfaces import surface_problems
 from beamtouch_service.surfaces.channels import ChannelHealth
 from beamtouch_service.surfaces.fields import Contact

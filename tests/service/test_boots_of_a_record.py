@@ -7,7 +7,7 @@ import pytest
 from beamtouch_models.runtime import ModelFile
 from beamtouch_service.record.events.boot_record import MAX_CAPTURED, MAX_WAITING, BootRecord, _short
 from beamtouch_service.record.events.changes import Change, Cursor
-from beamtouch_service.record.events.event import End, OpenEvent
+from beamtouch_service.record.events.event import End, Numbered, OpenEvent
 from beamtouch_service.record.events.health import HealthHistory, StoredHealth
 from beamtouch_service.record.events.surface_record import LATE_S, SurfaceRecord
 from beamtouch_service.samples import MAX_EARLIER, Batch
@@ -121,7 +121,7 @@ def test_samples_before_the_oldest_one_are_lost_and_end_the_event(number: int, l
 def cursor_of(boot: BootRecord, model: str = "") -> Cursor:
     """Return what is on record of a boot after a commit."""
     change = boot.change()
-    event = None if boot.event is None else (7, boot.event.event)
+    event = None if boot.event is None else Numbered(7, boot.event.event)
     return Cursor("boot-0001", change.durable, 3, model or change.model, change.memory, event)
 
 

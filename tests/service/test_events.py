@@ -98,7 +98,7 @@ def told(story: Story) -> list[tuple[str, str, str, float, float]]:
 @pytest.mark.promise(
     "docs/reference/events.md",
     "The stretch counts in `unexplained_ms`, and in no force, position or path.",
-    "a contact after a stretch, so its touch was not seen",
+    "a contact after an unexplained stretch, so its touch was not seen",
     "An unexplained event has no force, no position and an empty path.",
     "A contact outlasts an unexplained stretch.",
 )
@@ -176,7 +176,8 @@ def test_a_stretch_keeps_nothing_of_a_channel_that_took_no_part() -> None:
 
 
 @pytest.mark.promise(
-    "docs/reference/events.md", "the misfit of the best contact without this channel; null if too few channels are left"
+    "docs/reference/events.md",
+    "Misfit of the best single contact without this channel; null where too few channels would be left.",
 )
 def test_of_three_channels_a_stretch_does_not_say_which_one_is_wrong(bench: Bench) -> None:
     (event,) = story_of(bench, [RESTING, *[ODD] * 20, *[RESTING] * 4]).events

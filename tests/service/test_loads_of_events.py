@@ -174,7 +174,9 @@ def test_a_weak_begin_or_end_that_lasts_is_a_part_of_the_load(
     assert event["peak_force_n"] == 8.75
 
 
-@pytest.mark.promise("docs/reference/events.md", "from where to where it moved; twice its position if it lay still")
+@pytest.mark.promise(
+    "docs/reference/events.md", "Least position of a load that moves. Of one that lies still, its position."
+)
 def test_the_mean_of_a_load_that_moves_is_that_of_its_path(bench: Bench) -> None:
     places = [[0.5 - 0.005 * step, 0.25 + 0.005 * step, 0.125] for step in range(21)]
     send(bench, (RESTING, STILL), *((row, STILL) for row in places), (RESTING, STILL))
@@ -185,7 +187,7 @@ def test_the_mean_of_a_load_that_moves_is_that_of_its_path(bench: Bench) -> None
     assert event["mean_force_n"] == 8.75
 
 
-@pytest.mark.promise("docs/reference/events.md", "time of its first sample, and of the first clear reading after it")
+@pytest.mark.promise("docs/reference/events.md", "Time of the first clear reading after it")
 def test_a_lift_is_at_the_first_clear_reading(bench: Bench) -> None:
     send(bench, (RESTING, STILL), *[(TOUCHING, STILL)] * 5, (RESTING, {"readings": 8}))
     (event,) = bench.get("/events").json()["events"]

@@ -193,7 +193,7 @@ def test_a_backlog_of_a_past_boot_completes_its_event(services: Services) -> Non
 
 @pytest.mark.promise(
     "docs/reference/events.md",
-    "ended with samples that are lost, could not be decided, or belong to another model",
+    "and where samples belong to another model",
 )
 def test_another_model_ends_the_open_event(services: Services, tmp_path: Path) -> None:
     story = services.story(CONTACT, tmp_path / "events.db")
@@ -224,7 +224,7 @@ def test_without_a_model_there_is_no_record() -> None:
 
 @pytest.mark.promise(
     "docs/reference/events.md",
-    "or before a pause in which the device gave none for longer than four times `stale_ms`",
+    "An event also ends `unseen` before a pause in which the device gave no reading for longer than four times `stale_ms`",
 )
 @pytest.mark.parametrize("after_s", [1.9, 2.1])
 @pytest.mark.parametrize("restarts", [False, True])

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from beamtouch_service.api.events import Event
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.problems import MEDIA_TYPE, Kind
+from beamtouch_service.record import EventAnswer
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 from beamtouch_service.surfaces.fields import Contact
 from beamtouch_service.surfaces.pace import Pace
@@ -353,7 +353,7 @@ def test_the_messages_in_the_document_of_mqtt_have_the_members_of_today() -> Non
     (contact,) = [message for message in messages if "state" in message]
     (event,) = [message for message in messages if "touched_at" in message]
     # A surface without zones has no such member.
-    members = [[name for name in kind.model_fields if name != "zones"] for kind in (Contact, Event)]
+    members = [[name for name in kind.model_fields if name != "zones"] for kind in (Contact, EventAnswer)]
     assert [list(contact), list(event)] == members
     Contact.model_validate(contact)
-    Event.model_validate(event)
+    EventAnswer.model_validate(event)

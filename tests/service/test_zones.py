@@ -148,7 +148,7 @@ def test_while_two_daemons_send_a_contact_is_in_no_zone() -> None:
 
 @pytest.mark.promise(
     "docs/reference/events.md",
-    "the zones that the contact was inside, with the time in ms; left out if there is none",
+    "Zone that the contact was inside -> for how long [ms]. Left out if it was inside none.",
 )
 @pytest.mark.parametrize("shared", [False, True])
 def test_events_say_which_zones_and_for_how_long(tmp_path: Path, *, shared: bool) -> None:

@@ -18,6 +18,7 @@ from beamtouch_common.commands import version
 from beamtouch_common.uptime import uptime_s
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api import (
+    calibration_data,
     commissioning,
     errors,
     events,
@@ -52,6 +53,7 @@ _ROUTERS = (
     surfaces.model_router,
     stream.router,
     events.router,
+    calibration_data.router,
     commissioning.router,
     commissioning.write_router,
     health.live_router,

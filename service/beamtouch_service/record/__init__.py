@@ -1,6 +1,7 @@
 """The record: events from every sample, once and in order, stored with the cursor of each boot. Its only door.
 
 recorder   the record of a service: what it takes in, and when that becomes durable
+fields     the fields of an event, from which outputs and documents are made
 events/    samples to events, best samples and health: pure
 writing/   the one writer: a thread with a connection of its own; what is deleted
 reading/   two readers, each a thread with a connection of its own; queries
@@ -11,7 +12,14 @@ forecast   for how long events are kept
 from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError, UnreadableRowError
 from beamtouch_service.record.database.rows import Rows
 from beamtouch_service.record.database.tables import ROW_NUMBER, TABLES
-from beamtouch_service.record.events.event import Begin, Contradiction, End, Event, EventKind
+from beamtouch_service.record.events.event import Begin, End, Event, EventKind, Numbered
+from beamtouch_service.record.fields import (
+    EventAnswer,
+    EventWithPath,
+    encode_event,
+    event_fields_of,
+    members_of_event,
+)
 from beamtouch_service.record.forecast import describe_kept_days
 from beamtouch_service.record.reading.queries import (
     EventKey,
@@ -27,8 +35,9 @@ from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.record.writing.transactions import Due, Transactions
 
 __all__ = [
-    "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Begin", "Contradiction", "Due", "End", "Event", "EventKey", "EventKind",
-    "Reader", "RecordAwayError", "RecordUnusableError", "Recorder", "Rows", "TooManyReadersError", "Transactions",
-    "UnreadableRowError", "describe_kept_days", "find_axes", "find_best_samples", "find_events", "get_recorded_event",
+    "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Begin", "Due", "End", "Event", "EventAnswer", "EventKey", "EventKind",
+    "EventWithPath", "Numbered", "Reader", "RecordAwayError", "RecordUnusableError", "Recorder", "Rows",
+    "TooManyReadersError", "Transactions", "UnreadableRowError", "describe_kept_days", "encode_event",
+    "event_fields_of", "find_axes", "find_best_samples", "find_events", "get_recorded_event", "members_of_event",
     "read_best_samples", "read_events",
 ]  # fmt: skip

@@ -11,13 +11,12 @@ from functools import cache
 from math import nan
 from typing import Any, Literal, NamedTuple
 
-from pydantic import BaseModel, create_model
-from pydantic import Field as ModelField
 from pydantic_core import to_json
 
 from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS, Span, names_of
 from beamtouch_common.zones import ZoneState
 from beamtouch_models.runtime import State
+from beamtouch_service import fields
 from beamtouch_service.samples import Note
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 from beamtouch_service.surfaces.view import View
@@ -48,24 +47,12 @@ class Cell(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class Field(fields.Field[View]):
     """One field of a contact."""
 
-    name: str
-    type: Any
-    """Its type in JSON."""
-    meaning: str
-    """The first sentence says it in short, for a variable."""
-    get: Callable[[View], Any]
-    """Returns its value as JSON has it; None where there is none."""
-    unit: str = ""
     register: Cell | None = None
-    is_variable: bool = True
-    """True if it is a variable over OPC UA."""
     entity: str = ""
     """Its sensor in Home Assistant; empty if it has none."""
-    is_optional: bool = False
-    """True if JSON leaves it out while it is empty."""
 
 
 def _spans(figure: str, unit: str, offset: int, get: Callable[[View], Span | None], rows: Rows) -> tuple[Field, ...]:
@@ -190,38 +177,17 @@ def fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field, ...]:
     )
 
 
-def _model_of(axes: tuple[str, ...]) -> type[BaseModel]:
-    """Return the contact on a surface with these axes as a model, for OpenAPI and documents."""
-    members: dict[str, Any] = {
-        field.name: (
-            field.type,
-            ModelField(default_factory=dict, description=field.meaning)
-            if field.is_optional
-            else ModelField(description=field.meaning),
-        )
-        for field in fields_of(axes)
-    }
-    words = "State of the surface; position and force of a contact with their intervals; age and origin of the answer."
-    return create_model("Contact", __doc__=words, **members)
-
-
-Contact = _model_of(BEAM_AXES)
+Contact = fields.model_of(
+    "Contact",
+    "State of the surface; position and force of a contact with their intervals; age and origin of the answer.",
+    fields_of(),
+)
 """The contact on a beam."""
-
-
-@cache
-def _getters(axes: tuple[str, ...]) -> tuple[tuple[str, Callable[[View], Any], bool], ...]:
-    return tuple((field.name, field.get, field.is_optional) for field in fields_of(axes))
 
 
 def members_of(view: View) -> dict[str, Any]:
     """Return the members of a contact as JSON values; raises ProblemError if a problem prevents it."""
-    members = {}
-    for name, get, is_optional in _getters(view.require_contact().axes):
-        value = get(view)
-        if value or not is_optional:
-            members[name] = value
-    return members
+    return fields.members_of(fields_of(view.require_contact().axes), view)
 
 
 def encode(view: View) -> bytes:

@@ -7,13 +7,12 @@ from functools import partial
 
 from prometheus_client import Counter
 
-from beamtouch_service.api import events as event_answers
 from beamtouch_service.api.context import Context
 from beamtouch_service.outputs.mqtt.connection import REFUSED_RETRY_S, WINDOW, Connection
 from beamtouch_service.outputs.mqtt.failures import RefusedError
 from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
 from beamtouch_service.outputs.mqtt.section import MqttSection
-from beamtouch_service.record import Due, RecordAwayError, Transactions
+from beamtouch_service.record import Due, Numbered, RecordAwayError, Transactions, encode_event
 
 RETRY_S = 1.0
 """Pause before the same events are sent again, or read again."""
@@ -80,7 +79,7 @@ class EventSender:
         messages = [
             (
                 self._topics.event(delivery.event.surface),
-                event_answers.event(delivery.number, delivery.event).model_dump_json().encode(),
+                encode_event(Numbered(delivery.number, delivery.event)),
             )
             for delivery in due
         ]

@@ -1,59 +1,43 @@
 """Finished events of the record as OPC UA events. They reach the clients that are there; `GET /events` has all."""
 
 import asyncio
-import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 
 from asyncua import Server, ua
 from asyncua.server.event_generator import EventGenerator
 
-from beamtouch_service.api import events as event_answers
-from beamtouch_service.record import Due, RecordAwayError, Recorder, Transactions
+from beamtouch_common.outline import BEAM_AXES
+from beamtouch_service.outputs.opcua.values import variable_of
+from beamtouch_service.record import Due, Numbered, RecordAwayError, Recorder, Transactions, event_fields_of
 
 RETRY_S = 1.0
 """Pause before the record is read again, after it was away."""
 AT_ONCE = 10
 """Events that are read together."""
 DESTINATION = "opcua"
-FIELDS = {
-    "id": ua.VariantType.UInt64,
-    "surface": ua.VariantType.String,
-    "kind": ua.VariantType.String,
-    "touched_at": ua.VariantType.String,
-    "lifted_at": ua.VariantType.String,
-    "begin": ua.VariantType.String,
-    "end": ua.VariantType.String,
-    "dwell_ms": ua.VariantType.Double,
-    "mean_position_mm": ua.VariantType.Double,
-    "mean_position_low_mm": ua.VariantType.Double,
-    "mean_position_high_mm": ua.VariantType.Double,
-    "min_position_mm": ua.VariantType.Double,
-    "max_position_mm": ua.VariantType.Double,
-    "mean_force_n": ua.VariantType.Double,
-    "mean_force_low_n": ua.VariantType.Double,
-    "mean_force_high_n": ua.VariantType.Double,
-    "peak_force_n": ua.VariantType.Double,
-    "peak_force_low_n": ua.VariantType.Double,
-    "peak_force_high_n": ua.VariantType.Double,
-    "peak_position_mm": ua.VariantType.Double,
-    "samples": ua.VariantType.UInt32,
-    "unsteady_samples": ua.VariantType.UInt32,
-    "unsteady": ua.VariantType.Boolean,
-    "quality": ua.VariantType.String,
-    "model": ua.VariantType.String,
-    "zones": ua.VariantType.String,
-}
-"""The fields of an event beside those that each OPC UA event has, with the names and meanings of `GET /events`; `zones`
-is JSON, as OPC UA has no type for it."""
 
 
 class EventSender:
     """Sends the finished events of all surfaces."""
 
-    def __init__(self, server: Server, recorder: Recorder, objects: Mapping[str, ua.NodeId]) -> None:
-        """`objects`: surface -> its object, which emits the events."""
+    def __init__(
+        self,
+        server: Server,
+        recorder: Recorder,
+        objects: Mapping[str, ua.NodeId],
+        axes: Iterable[tuple[str, ...]] = (BEAM_AXES,),
+    ) -> None:
+        """Prepare to send.
+
+        Parameters
+        ----------
+        objects : surface -> its object, which emits the events
+        axes : the axes of surfaces; an event has the places of all, empty where its own surface has no such axis
+        """
         self._server, self._recorder, self._objects = server, recorder, objects
+        fields = {field.name: field for each in axes for field in event_fields_of(each)}
+        self._properties = {name: variable_of(field) for name, field in fields.items()}
         self._generators: dict[str, EventGenerator] = {}
         self._sent: list[Due] = []
         """Events that were sent, and that the record does not know to be."""
@@ -81,26 +65,24 @@ class EventSender:
     async def describe(self) -> None:
         """Make the type of the events, and name who emits them. This comes first, and once."""
         index = next(iter(self._objects.values())).NamespaceIndex if self._objects else 0
-        kind = await self._server.create_custom_event_type(index, "ContactEventType", properties=list(FIELDS.items()))
+        properties = [(name, one.kind) for name, one in self._properties.items()]
+        kind = await self._server.create_custom_event_type(index, "ContactEventType", properties=properties)
         for name, node in self._objects.items():
             self._generators[name] = await self._server.get_event_generator(kind, node)
             await self._server.nodes.server.add_reference(node, ua.ObjectIds.HasNotifier)
             await asyncio.sleep(0)  # requests have a turn
 
     async def _send(self, due: Due) -> None:
-        event = event_answers.event(due.number, due.event)
-        generator = self._generators.get(event.surface)
+        generator = self._generators.get(due.event.surface)
         if generator is None:  # no longer configured
             return
-        sent = generator.event
-        for name, kind in FIELDS.items():
-            value = getattr(event, name, None)  # a plate has no `mean_position_mm`
-            setattr(sent, name, str(value) if kind is ua.VariantType.String and value else value)
-        sent.zones = json.dumps(event.zones)
-        sent.emitting_node = self._objects[event.surface]
+        numbered, sent = Numbered(due.number, due.event), generator.event
+        for name, one in self._properties.items():
+            setattr(sent, name, one.of(numbered))
+        sent.emitting_node = self._objects[due.event.surface]
         await generator.trigger(
-            time_attr=datetime.fromisoformat(event.lifted_at or event.touched_at),
-            message=f"{event.kind} on {event.surface}, {event.dwell_ms:.0f} ms",
+            time_attr=datetime.fromisoformat(sent.lifted_at or sent.touched_at),
+            message=f"{sent.kind} on {sent.surface}, {sent.dwell_ms:.0f} ms",
         )
         # Clients that want the events of all surfaces listen at the Server object. The library only serves the emitter.
         sent.emitting_node = self._server.nodes.server.nodeid

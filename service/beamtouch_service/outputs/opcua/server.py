@@ -67,7 +67,7 @@ async def _serve(section: OpcUaSection, security: Security, address: Address, co
         space = Space(server, context)
         await space.build()
         door.created.add(space.note_subscription)
-        events = EventSender(server, context.recorder, space.objects)
+        events = EventSender(server, context.recorder, space.objects, space.axes.values())
         await events.describe()
         (await address.listen(partial(context.missing.__setitem__, section.name))).close()
         # The numeric address: the name may lead elsewhere by now.

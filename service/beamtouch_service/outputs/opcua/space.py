@@ -46,9 +46,10 @@ class Space:
         """Surface -> its object."""
         self._variables: dict[ua.NodeId, tuple[Surface, str]] = {}
         """Variable -> its surface, and its name there."""
-        self._axes: dict[str, tuple[str, ...]] = {}
+        self.axes: dict[str, tuple[str, ...]] = {}
+        """Surface -> its axes when its variables were made."""
         self._names: dict[str, list[str]] = {}
-        """Surface -> its axes when its variables were made, and these."""
+        """Surface -> its variables."""
         self._looks: dict[str, dict[str, ua.DataValue]] = {}
         """Surface -> name -> value, of this turn of the event loop."""
         self._subscribed: dict[str, Surface] = {}
@@ -66,7 +67,7 @@ class Space:
             node = await top.add_object(ua.NodeId(surface.name, index), ua.QualifiedName(surface.name, index))
             self.objects[surface.name] = node.nodeid
             variables = variables_of(surface)
-            self._axes[surface.name], self._names[surface.name] = surface.axes, list(variables)
+            self.axes[surface.name], self._names[surface.name] = surface.axes, list(variables)
             for name, variable in variables.items():
                 await self._add(surface, name, variable, node)
                 await asyncio.sleep(0)  # requests have a turn
@@ -113,7 +114,7 @@ class Space:
     async def require_same_axes(self) -> None:
         """Look at the axes of all surfaces until cancelled; raises OtherAxesError once one has others."""
         while True:
-            if any(surface.axes != self._axes[surface.name] for surface in self._context.registry):
+            if any(surface.axes != self.axes[surface.name] for surface in self._context.registry):
                 raise OtherAxesError
             await asyncio.sleep(LOOK_S)
 

@@ -4,17 +4,18 @@ Only what can be relied on is Good. A contact with a note is Uncertain; where th
 is Bad, with a code that says why.
 """
 
+import json
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from asyncua import ua
 
 from beamtouch_models.runtime import State
+from beamtouch_service.fields import Field
 from beamtouch_service.problems import Kind
-from beamtouch_service.surfaces.fields import Field, fields_of
+from beamtouch_service.surfaces.fields import fields_of
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.view import View
 
 _BAD = {
     Kind.STALE: ua.StatusCodes.BadNoCommunication,
@@ -31,30 +32,40 @@ NO_FIGURE = ua.StatusCodes.BadNoData
 
 
 class Variable(NamedTuple):
-    """A variable of a surface."""
+    """A variable of a surface, or a property of an event."""
 
     kind: ua.VariantType
-    of: Callable[[View], object]
-    """Its value; None if there is none."""
+    of: Callable[[Any], object]
+    """Returns its value; None if there is none."""
     meaning: str
 
 
-_KINDS: Mapping[object, ua.VariantType] = {float: ua.VariantType.Double, int: ua.VariantType.UInt64}
-"""Types of fields -> those of variables; all others are text."""
+_KINDS: Mapping[type, ua.VariantType] = {
+    bool: ua.VariantType.Boolean,
+    float: ua.VariantType.Double,
+    int: ua.VariantType.UInt64,
+}
+"""Types of fields, also where they may be None -> those of variables; all others are text."""
 
 
-def _variable(field: Field) -> Variable:
-    kind = _KINDS.get(field.type, ua.VariantType.String)
-    if field.type == float | None:
-        kind = ua.VariantType.Double
+def variable_of(field: Field[Any]) -> Variable:
+    """Return the variable of a field of a contact or an event."""
+    kind = next((kind for held, kind in _KINDS.items() if field.type in (held, held | None)), ua.VariantType.String)
     words, unit = field.meaning.partition(". ")[0].rstrip("."), f" [{field.unit}]" if field.unit else ""
-    of = (lambda view: " ".join(field.get(view))) if field.type == list[str] else field.get
+    of = field.get if kind is not ua.VariantType.String else lambda source: _text(field.get(source))
     return Variable(kind, of, words + unit)
+
+
+def _text(value: object) -> str | None:
+    """Return a value for which OPC UA has no type: words of a list, zones as JSON."""
+    if isinstance(value, dict):
+        return json.dumps(value)
+    return " ".join(value) if isinstance(value, list) else None if value is None else str(value)
 
 
 def variables_of(surface: Surface) -> dict[str, Variable]:
     """Return the variables of a surface: those of every contact, and one for each of its zones."""
-    fields = {field.name: _variable(field) for field in fields_of(surface.axes) if field.is_variable}
+    fields = {field.name: variable_of(field) for field in fields_of(surface.axes) if field.is_variable}
     return {**fields, **{f"zones/{name}": _zone(name) for name in surface.section.zones}}
 
 

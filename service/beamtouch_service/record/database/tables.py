@@ -167,7 +167,8 @@ def require_whole_event(row: Row[*tuple[Any, ...]]) -> None:
 def event_of(row: Row[*tuple[Any, ...]]) -> Numbered:
     """Return the event of a row of `CONTENT`, with or without its path; raises UnreadableRowError."""
     require_whole_event(row)
-    return row.id, Event(**{name: value for name, value in row._asdict().items() if name not in ("id", "number")})
+    values = {name: value for name, value in row._asdict().items() if name not in ("id", "number")}
+    return Numbered(row.id, Event(**values))
 
 
 class OtherFormatError(Exception):

@@ -7,9 +7,9 @@ contact from there on, with all unexplained stretches that follow it.
 from copy import copy
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from beamtouch_common.outline import names_of
 from beamtouch_models.runtime import State
@@ -60,9 +60,12 @@ class End(StrEnum):
 class ChannelDoubt(BaseModel):
     """One channel of an unexplained sample."""
 
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
     name: str
+    """Name of the channel."""
     deflection_mm: float
-    """Positive in the direction of the load."""
+    """Its deflection, positive in the direction of the load."""
     misfit_without: float | None
     """Misfit of the best single contact without this channel; null where too few channels would be left."""
     explained_without: bool
@@ -72,7 +75,10 @@ class ChannelDoubt(BaseModel):
 class Contradiction(BaseModel):
     """A sample that neither rest nor a single contact explains."""
 
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
     sequence: int
+    """The sample's number."""
     sampled_at: str
     """Time of the sample by the sender's clock (RFC 3339)."""
     misfit: float | None
@@ -85,7 +91,7 @@ class Contradiction(BaseModel):
 
 @dataclass
 class Event:
-    """An event as it is on record. `tables.EVENTS` has a column for each field; `api.events` makes the answers."""
+    """An event as it is on record. `tables.EVENTS` has a column for each field; `record.fields` makes the answers."""
 
     surface: str
     model: str
@@ -133,8 +139,11 @@ class Event:
     """Its first unexplained samples, each as a `Contradiction`."""
 
 
-Numbered = tuple[int, Event]
-"""Id and content of an event."""
+class Numbered(NamedTuple):
+    """An event with its id."""
+
+    number: int
+    event: Event
 
 
 class OpenEvent:

@@ -13,7 +13,7 @@ from sqlalchemy import ColumnElement, Row, Select, bindparam, null, select, true
 from beamtouch_common.outline import BEAM_AXES
 from beamtouch_service.record.database.tables import CONTENT, EVENTS, WITHOUT_PATH, event_of, require_whole_event
 from beamtouch_service.record.events.best import Best
-from beamtouch_service.record.events.event import Event, EventKind, Numbered
+from beamtouch_service.record.events.event import EventKind, Numbered
 from beamtouch_service.record.events.times import latest_us
 from beamtouch_service.record.reading.readers import Reader
 
@@ -83,10 +83,10 @@ def find_axes(reader: Reader, keys: Sequence[EventKey]) -> list[tuple[str, ...]]
     return list(dict.fromkeys(tuple(row.place) for row in places)) or [BEAM_AXES]
 
 
-def get_recorded_event(reader: Reader, number: int) -> Event | None:
+def get_recorded_event(reader: Reader, number: int) -> Numbered | None:
     """Return the event of that id; None if there is none."""
     rows = reader.rows(_EVENTS_WITH_PATH, ids=[number])
-    return event_of(rows[0])[1] if rows else None
+    return event_of(rows[0]) if rows else None
 
 
 def find_best_samples(

@@ -94,7 +94,7 @@ class Transactions:
                 CURSOR_ROWS.require_whole(f"the cursor of boot {row.boot_id} of surface {surface}", row._asdict())
             numbers = [row.event for row in rows if row.event is not None]
             content = connection.execute(select(_c.id, *CONTENT).where(_c.id.in_(numbers)))
-            events = {number: (number, event) for number, event in map(event_of, content) if event.end is End.OPEN}
+            events = {one.number: one for one in map(event_of, content) if one.event.end is End.OPEN}
             healths = _read_healths(connection, HEALTH.c.surface == surface)
         cursors = [
             Cursor(row.boot_id, row.durable, row.version, row.model, row.memory, events.get(row.event)) for row in rows
