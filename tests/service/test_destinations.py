@@ -85,6 +85,35 @@ def test_what_is_acknowledged_is_due_no_longer_for_this_destination(transactions
     assert due(transactions, "one") == ([3], 1)
 
 
+@pytest.mark.parametrize(
+    ("column", "damage"),
+    [
+        ("peak_force_n", "UPDATE events SET peak_force_n = 'abc' WHERE id < 3"),
+        ("zones", "UPDATE events SET zones = '{' WHERE id < 3"),
+        ("samples", "UPDATE events SET samples = -1 WHERE id < 3"),
+    ],
+)
+def test_a_damaged_event_is_due_no_longer_and_the_log_names_it(
+    transactions: Transactions, caplog: pytest.LogCaptureFixture, column: str, damage: str
+) -> None:
+    writing = Writing(transactions)
+    for destination in ("one", "other"):
+        due(transactions, destination)
+    writing.commit(*CONTACT, *CONTACT, *CONTACT)
+    with transactions.database.writing() as connection:
+        connection.exec_driver_sql(damage)
+    assert due(transactions, "one", limit=1) == ([3], 1)
+    words = "one never gets an event: event {} of surface press-7 cannot be read: table events, column {}: "
+    named = [words.format(number, column) for number in (1, 2)]
+    assert [message[: len(words)] for message, words in zip(caplog.messages, named, strict=True)] == named
+    assert due(transactions, "one", limit=1) == ([3], 1)
+    assert len(caplog.messages) == 2
+    # Mended before it is due to another destination, an event is sent there.
+    with transactions.database.writing() as connection:
+        connection.exec_driver_sql("UPDATE events SET peak_force_n = 1.5, zones = '{}', samples = 1")
+    assert due(transactions, "other") == ([1, 2, 3], 3)
+
+
 def test_events_are_due_in_the_order_in_which_they_finish(transactions: Transactions) -> None:
     long, short = Writing(transactions), Writing(transactions, "boot-0002")
     due(transactions, "one")

@@ -3,10 +3,14 @@
 from datetime import UTC, datetime
 
 import pytest
+from asyncua import ua
+from asyncua.ua.ua_binary import variant_to_binary
 
 from beamtouch_common.zones import Zone
+from beamtouch_models.runtime import State
 from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
-from beamtouch_service.outputs.opcua.values import values
+from beamtouch_service.fields import Field
+from beamtouch_service.outputs.opcua.values import values, variable_of
 from beamtouch_service.problems import ProblemError
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
@@ -62,3 +66,29 @@ def test_what_a_contact_has_as_null_is_bad_beside_good_values() -> None:
     surface.receive(parsed([0.5, 0.25, None], sequence=2, quality=["good", "good", "missing"]), NOW_S)
     found = codes(surface)
     assert (found["zones/gate"], found["position_mm"]) == ("BadNoData", "UncertainSubNormal")
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "variant"),
+    [
+        (int, 2**40, ua.Variant(2**40, ua.VariantType.UInt64)),
+        (int | None, 3, ua.Variant(3, ua.VariantType.UInt64)),
+        (bool, False, ua.Variant(False, ua.VariantType.Boolean)),
+        (bool | None, True, ua.Variant(True, ua.VariantType.Boolean)),
+        (float, 0.5, ua.Variant(0.5, ua.VariantType.Double)),
+        (float | None, 0.0, ua.Variant(0.0, ua.VariantType.Double)),
+        (str | None, "x", ua.Variant("x", ua.VariantType.String)),
+        (State, State.CLEAR, ua.Variant("clear", ua.VariantType.String)),
+        (list[str], ["a", "b"], ua.Variant("a b", ua.VariantType.String)),
+        (dict[str, float], {"gate": 1.0}, ua.Variant('{"gate": 1.0}', ua.VariantType.String)),
+    ],
+    ids=str,
+)
+def test_a_field_has_the_type_of_its_values_also_where_it_may_be_missing(
+    kind: object, value: object, variant: ua.Variant
+) -> None:
+    variable = variable_of(Field("figure", kind, "A figure. And more.", lambda _: value, "mm"))
+    assert variable.meaning == "A figure [mm]"
+    assert variant_to_binary(ua.Variant(variable.of(None), variable.kind)) == variant_to_binary(variant)
+    none = variable_of(Field("figure", kind, "A figure.", lambda _: None))
+    assert (none.kind, none.of(None)) == (variable.kind, None)

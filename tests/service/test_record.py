@@ -224,7 +224,7 @@ def test_without_a_model_there_is_no_record() -> None:
 
 @pytest.mark.promise(
     "docs/reference/events.md",
-    "An event also ends `unseen` before a pause in which the device gave no reading for longer than four times `stale_ms`",
+    "before a pause in which the device gave no reading for longer than four times `stale_ms`",
 )
 @pytest.mark.parametrize("after_s", [1.9, 2.1])
 @pytest.mark.parametrize("restarts", [False, True])

@@ -21,7 +21,7 @@ from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 
 
 class Stay(BaseModel):
-    """A part of a contact in which one load explains all samples. On a surface of two axes, its places are named after them."""
+    """A part of a contact in which one load explains all samples. Its places are named after the axes, as elsewhere."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 

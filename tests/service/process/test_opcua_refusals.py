@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from asyncua import Client, ua
+from asyncua.client.ua_session import UaSession
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from service.bench import batch_of
@@ -156,9 +157,19 @@ def test_a_client_adds_no_server_and_its_subscriptions_are_bounded(start_press: 
     assert "OPC UA server: 1 requests refused: a publishing interval of 0 ms, not of 10 ms to an hour" in line
 
 
+async def follow(session: UaSession, lengths: list[int]) -> set[str]:
+    """Follow paths of so many elements; return how that went."""
+    none = ua.RelativePathElement(TargetName=ua.QualifiedName("none"))
+    paths = [ua.BrowsePath(ua.NodeId(ua.ObjectIds.RootFolder), ua.RelativePath([none] * count)) for count in lengths]
+    return {one.StatusCode.name for one in await session.translate_browsepaths_to_nodeids(paths)}
+
+
 @pytest.mark.promise(
     "docs/how-to/opcua.md",
-    "2000 subscribed variables, of all clients together; at most 500 nodes in a request, 20 to browse",
+    (
+        "2000 subscribed variables, of all clients together; at most 500 nodes in a request, 20 to browse, or 20 paths "
+        "of 200 elements in all"
+    ),
 )
 def test_requests_and_subscribed_variables_are_bounded(start_press: StartService) -> None:
     _, url = start(start_press, 60_000)
@@ -178,6 +189,10 @@ def test_requests_and_subscribed_variables_are_bounded(start_press: StartService
             assert len(await session.browse(ua.BrowseParameters(NodesToBrowse=browsed[:20]))) == 20
             with pytest.raises(ua.UaStatusCodeError, match="BadTooManyOperations"):
                 await session.browse(ua.BrowseParameters(NodesToBrowse=browsed))
+            assert await follow(session, [10] * 20) == {"BadNoMatch"}
+            for lengths, code in (([1] * 21, "TooManyOperations"), ([201], "TooManyOperations"), ([0], "NothingToDo")):
+                with pytest.raises(ua.UaStatusCodeError, match=f"Bad{code}"):
+                    await follow(session, lengths)
             items = [
                 ua.MonitoredItemCreateRequest(node, ua.MonitoringMode.Reporting, ua.MonitoringParameters(handle))
                 for handle in range(limit)

@@ -30,9 +30,9 @@ MAX_ITEMS = 2000
 does nothing else: with so many, some 40 ms."""
 MAX_WAITING = 100
 """Values of a variable, events, and messages without acknowledgement that are kept for a subscription."""
-MAX_OPERATIONS, MAX_BROWSED = 500, 20
-"""Nodes or items in one request, and nodes to browse or paths to follow. While it is answered, nothing else of the
-service is: a node to browse takes 3 ms, one to read 35 us, and a new item 100 us."""
+MAX_OPERATIONS, MAX_BROWSED, MAX_ELEMENTS = 500, 20, 200
+"""Nodes or items in one request, nodes to browse or paths to follow, and elements of all its paths. While it is
+answered, nothing else of the service is: a node to browse takes 3 ms, one to read 35 us, and a new item 100 us."""
 MAX_PENDING = 100
 """Messages of one connection that wait for their turn."""
 MAX_MESSAGE_BYTES = 1 << 20
@@ -117,7 +117,7 @@ class Door(PermissionRuleset):  # type: ignore[misc]  # mypy skips the types of 
             "Browse": (ua.BrowseParameters, lambda _, asked: self._count(asked.NodesToBrowse, MAX_BROWSED)),
             "TranslateBrowsePathsToNodeIds": (
                 ua.TranslateBrowsePathsToNodeIdsParameters,
-                lambda _, asked: self._count(asked.BrowsePaths, MAX_BROWSED),
+                self._check_paths,
             ),
             "CreateSubscription": (ua.CreateSubscriptionParameters, self._check_interval),
             "CreateMonitoredItems": (ua.CreateMonitoredItemsParameters, self._check_items),
@@ -155,6 +155,14 @@ class Door(PermissionRuleset):  # type: ignore[misc]  # mypy skips the types of 
     def _count(self, asked: Collection[object], limit: int) -> None:
         if len(asked) > limit:
             self._refuse("BadTooManyOperations", f"more than {limit} nodes in one request")
+
+    def _check_paths(self, _user: User, asked: ua.TranslateBrowsePathsToNodeIdsParameters) -> None:
+        self._count(asked.BrowsePaths, MAX_BROWSED)
+        lengths = [len(path.RelativePath.Elements) for path in asked.BrowsePaths]
+        if sum(lengths) > MAX_ELEMENTS:
+            self._refuse("BadTooManyOperations", f"more than {MAX_ELEMENTS} elements of paths in one request")
+        if 0 in lengths:  # an error of the library
+            self._refuse("BadNothingToDo", "a path without an element")
 
     def _check_interval(self, _user: User, asked: ua.CreateSubscriptionParameters) -> None:
         # In this order, NaN is refused.

@@ -131,6 +131,7 @@ WITHOUT_PATH = [column for column in CONTENT if column.name not in ("path", "bes
 
 _Time = Annotated[int, Values(ge=-(2**53), lt=2**53)]
 """A time that a calendar has [us since 1970]."""
+_Count = Annotated[int, Values(ge=0, lt=2**53)]
 _Number = Annotated[float, Values(ge=-(2.0**53), lt=2.0**53)] | bool
 _EVENT_ROWS = Rows(
     EVENTS.name,
@@ -139,6 +140,8 @@ _EVENT_ROWS = Rows(
         "touched_us": _Time,
         "last_us": _Time,
         "lifted_us": _Time | None,
+        "samples": _Count,
+        "unsteady_samples": _Count,
         "place": dict[str, Annotated[list[float | None], Values(min_length=6, max_length=6)] | None],
         "path": list[Annotated[list[_Number], Values(min_length=3)]],
     },

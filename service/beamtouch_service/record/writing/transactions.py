@@ -1,5 +1,6 @@
 """The record: cursors, events, what destinations have yet to get, and health. Every call is one transaction."""
 
+import logging
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from sqlalchemy import (
     ColumnElement,
     Connection,
     Row,
+    Select,
     Table,
     bindparam,
     delete,
@@ -23,6 +25,7 @@ from sqlalchemy import (
 )
 
 from beamtouch_service.record.database.connections import Database
+from beamtouch_service.record.database.errors import UnreadableRowError
 from beamtouch_service.record.database.postgresql import ServerDatabase
 from beamtouch_service.record.database.sqlite import FileDatabase, MemoryDatabase
 from beamtouch_service.record.database.tables import (
@@ -46,6 +49,7 @@ from beamtouch_service.record.events.event import End, Event, OpenEvent
 from beamtouch_service.record.events.health import BlockKey, StoredHealth
 from beamtouch_service.sections import EventsSection
 
+_log = logging.getLogger(__name__)
 _c = EVENTS.c
 _FIXED = {column.name for index in EVENTS.indexes for column in index.columns} - {"recorded_s"}
 """Columns that stay as they were when the event began. To write them again would write their indexes, too."""
@@ -125,7 +129,8 @@ class Transactions:
     def due(self, destination: str, limit: int, *, from_start: bool) -> tuple[list[Due], int]:
         """Return finished events that a destination has yet to acknowledge, in order, and how many there are.
 
-        A destination that the record does not know gets the events that finish from now on, or all.
+        A destination that the record does not know gets the events that finish from now on, or all. A damaged one is
+        due no longer, and the log names it: it would hold up all that follow it.
         """
         is_due = DELIVERIES.c.destination == destination
         query = (
@@ -137,19 +142,40 @@ class Transactions:
         )
         with self.database.writing() as connection:
             _make_known(connection, destination, from_start=from_start)
+            due, damages = _read_due(connection, query)
             count = connection.scalar(select(func.count()).select_from(DELIVERIES).where(is_due)) or 0
-            rows = connection.execute(query).all() if limit and count else []
-        return [Due(row.number, *event_of(row)) for row in rows], count
+        for damage in damages:
+            _log.error("%s never gets an event: %s", destination, damage)
+        return due, count
 
     def acknowledge(self, delivered: Collection[Due]) -> None:
         """Note that these events were acknowledged."""
-        numbers = [one.delivery for one in delivered]
         with self.database.writing() as connection:
-            connection.execute(delete(DELIVERIES).where(DELIVERIES.c.number.in_(numbers)))
+            _end_deliveries(connection, [one.delivery for one in delivered])
 
     def close(self) -> None:
         """Close the connections."""
         self.database.close()
+
+
+def _read_due(connection: Connection, query: Select[Any]) -> tuple[list[Due], list[str]]:
+    """Return the first events that a query gives, and the damages of those that it gives no more."""
+    due, damages = list[Due](), list[str]()
+    while not due and (rows := connection.execute(query).all()):
+        damaged = list[int]()
+        for row in rows:
+            try:
+                due.append(Due(row.number, *event_of(row)))
+            except UnreadableRowError as error:
+                damaged.append(row.number)
+                damages.append(str(error))
+        _end_deliveries(connection, damaged)
+    return due, damages
+
+
+def _end_deliveries(connection: Connection, numbers: Collection[int]) -> None:
+    if numbers:
+        connection.execute(delete(DELIVERIES).where(DELIVERIES.c.number.in_(numbers)))
 
 
 def _find_lost(connection: Connection, changes: Sequence[Change]) -> set[str]:
