@@ -266,7 +266,7 @@ STATED = {
     ],
     "docs/reference/events.md": [
         f"add `path`, at most {MAX_STAYS} points",
-        f"gave none for longer than {WORDS[PAUSE]} times `stale_ms`",
+        f"gave no reading for longer than {WORDS[PAUSE]} times `stale_ms`",
         f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
         f"reads for {WORDS[READERS]} clients at a time. Beyond {MAX_ANSWERS} that wait",
         f"Above {WARN_BYTES / 1e6:g} MB the log of the service names",
