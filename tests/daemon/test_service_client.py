@@ -17,7 +17,7 @@ from beamtouch_daemon.delivery.client import (
     NEVER_ACCEPTED,
     OTHER_BEAM,
     TOO_LARGE,
-    Answer,
+    ServiceAnswer,
     ServiceClient,
     UnreachableError,
     Verdict,
@@ -71,7 +71,7 @@ async def answering(answer: bytes = ANSWER, certificate: tuple[Path, Path] | Non
         yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
 
 
-async def post(url: str, trusted: Path | None = None) -> Answer:
+async def post(url: str, trusted: Path | None = None) -> ServiceAnswer:
     async with ServiceClient(url, "token", trust(trusted) if trusted else None) as client:
         return await client.post_samples("bench", None)
 

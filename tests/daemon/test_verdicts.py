@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from beamtouch_daemon.delivery.client import Answer, Verdict, _certificate_advice
+from beamtouch_daemon.delivery.client import ServiceAnswer, Verdict, _certificate_advice
 from beamtouch_service.samples import Receipt
 
 RECEIPT = Receipt(accepted=1, repeated=0, durable=1, expected=2, stale_ms=500.0).model_dump_json().encode()
@@ -25,12 +25,12 @@ def problem(kind: str, detail: str = "") -> bytes:
     ],
 )
 def test_a_bare_status_is_a_refusal_only_if_it_says_that_the_request_is_wrong(status: int, verdict: Verdict) -> None:
-    assert Answer(status, PAGE).verdict is verdict
+    assert ServiceAnswer(status, PAGE).verdict is verdict
 
 
 @pytest.mark.parametrize(("status", "is_taken"), [(199, False), (200, True), (299, True), (300, False)])
 def test_a_receipt_counts_with_a_status_of_success(status: int, is_taken: bool) -> None:
-    answer = Answer(status, RECEIPT)
+    answer = ServiceAnswer(status, RECEIPT)
     assert (answer.is_success, answer.receipt is not None) == (is_taken, is_taken)
     assert answer.verdict is (TAKEN if is_taken else LATER)
 
@@ -47,7 +47,7 @@ def test_a_receipt_counts_with_a_status_of_success(status: int, is_taken: bool) 
     ],
 )
 def test_the_type_of_a_problem_of_the_service_decides(status: int, kind: str, verdict: Verdict) -> None:
-    answer = Answer(status, problem(kind))
+    answer = ServiceAnswer(status, problem(kind))
     assert (answer.verdict, answer.problem) == (verdict, f"urn:beamtouch:problem:{kind}")
 
 
@@ -68,7 +68,7 @@ NO_SERVICE = "status 404: no service is there; is the path in publish.url the on
     ],
 )
 def test_an_answer_is_explained_in_one_line(status: int, content: bytes, said: str) -> None:
-    assert Answer(status, content).explanation == said
+    assert ServiceAnswer(status, content).explanation == said
 
 
 @pytest.mark.parametrize(

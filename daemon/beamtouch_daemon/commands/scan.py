@@ -21,7 +21,7 @@ from beamtouch_daemon.sources.board import BoardLine
 from beamtouch_daemon.sources.host_address import HostAddress, no_connection
 from beamtouch_daemon.sources.modbus_tcp import DEVICE_ITSELF, TcpLink
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
-from beamtouch_daemon.sources.registers import Answer, Block
+from beamtouch_daemon.sources.registers import Block, RegisterAnswer
 from beamtouch_daemon.sources.requests import insist
 from beamtouch_daemon.sources.rtu_frames import silence_of
 from beamtouch_daemon.sources.rtu_line import RtuLine
@@ -41,7 +41,7 @@ PROGRESS_S = 5.0
 ABSENT = (4, 10, 11)
 """Exceptions for a unit that is not there: of gateways (10, 11), and of servers with a fixed set of units (4)."""
 
-Ask = Callable[[int, Block], Awaitable[Answer]]
+Ask = Callable[[int, Block], Awaitable[RegisterAnswer]]
 """Asks a unit for registers; NoAnswerError if it does not answer."""
 
 
@@ -98,7 +98,7 @@ class Scan:
         except OSError as error:  # also a timeout
             raise SourceError(no_connection(f"{host}:{port}")) from error
 
-        async def ask(unit: int, block: Block) -> Answer:
+        async def ask(unit: int, block: Block) -> RegisterAnswer:
             link = TcpLink(settings, host, unit)
             async with link.opened():  # one connection at a time: some devices accept no more
                 return await link.ask(block)
@@ -170,7 +170,7 @@ class Scan:
         line, booting = RtuLine(port, silence_s), list[int]()
         timeout_s = float(source["timeout_ms"]) / 1e3
 
-        async def ask(unit: int, block: Block) -> Answer:
+        async def ask(unit: int, block: Block) -> RegisterAnswer:
             may_boot = uptime_s() < port.traffic.boots_until_s
             try:
                 return await line.exchange(unit, block, timeout_s)
@@ -220,12 +220,12 @@ class Scan:
             _say(f"{name}: nothing")
 
 
-async def _ask_unit(unit: int, ask: Ask) -> dict[int, Answer]:
+async def _ask_unit(unit: int, ask: Ask) -> dict[int, RegisterAnswer]:
     """Return the answers of a unit, by function; none if there is no such unit.
 
     A unit that answers one request and not another is asked again, because it may be busy now and then.
     """
-    answers: dict[int, Answer] = {}
+    answers: dict[int, RegisterAnswer] = {}
     for function in KINDS:
         with suppress(NoAnswerError):
             answers[function] = await ask(unit, Block(0, 1, function))

@@ -11,7 +11,7 @@ from contextlib import nullcontext
 from time import monotonic
 
 from beamtouch_daemon.delivery.boots import BacklogState, Boot, SurfaceLogs
-from beamtouch_daemon.delivery.client import NEVER_ACCEPTED, Answer, ServiceClient, Verdict
+from beamtouch_daemon.delivery.client import NEVER_ACCEPTED, ServiceAnswer, ServiceClient, Verdict
 from beamtouch_daemon.delivery.log_file import LogFileError
 from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_daemon.delivery.sending import note_refusal, send
@@ -124,7 +124,7 @@ class Backlog:
             return boot.log.backlog_batch([], [])
         return batch.model_copy(update={"samples": [sample for sample in batch.samples if sample.sequence in numbers]})
 
-    def _reduce(self, boot: Boot, batch: Batch, answer: Answer) -> bool:
+    def _reduce(self, boot: Boot, batch: Batch, answer: ServiceAnswer) -> bool:
         """Send half as many next time; drop a sample that is refused alone. False if that does not help."""
         if answer.verdict is not Verdict.SMALLER:
             return False

@@ -63,7 +63,7 @@ class _Problem(BaseModel):
 
 
 @dataclass(frozen=True)
-class Answer:
+class ServiceAnswer:
     """Answer of the service, or of another program, to a request."""
 
     status: int
@@ -142,7 +142,7 @@ class ServiceClient:
     async def __aexit__(self, *_: object) -> None:
         await self._session.close()
 
-    async def post_samples(self, surface: str, batch: Batch | None, timeout_s: float = TIMEOUT_S) -> Answer:
+    async def post_samples(self, surface: str, batch: Batch | None, timeout_s: float = TIMEOUT_S) -> ServiceAnswer:
         """Send a batch, or nothing to see whether the service would take one; raises UnreachableError."""
         path = f"/surfaces/{surface}/samples"
         if batch is None:
@@ -150,7 +150,7 @@ class ServiceClient:
         content = compress(batch.model_dump_json(exclude_defaults=True).encode())
         return await self._request("POST", path, content, {"Content-Encoding": "gzip"}, timeout_s)
 
-    async def get(self, path: str) -> Answer:
+    async def get(self, path: str) -> ServiceAnswer:
         """Ask for a path; raises UnreachableError."""
         return await self._request("GET", path, None)
 
@@ -161,7 +161,7 @@ class ServiceClient:
         content: bytes | None,
         headers: Mapping[str, str] | None = None,
         timeout_s: float = TIMEOUT_S,
-    ) -> Answer:
+    ) -> ServiceAnswer:
         url, begun_s = f"{self.url.rstrip('/')}{path}", monotonic()
         _logger.debug("%s %s with %d bytes", method, url, len(content or b""))
         try:
@@ -173,7 +173,7 @@ class ServiceClient:
                 allow_redirects=False,
                 timeout=aiohttp.ClientTimeout(total=timeout_s),
             ) as response:
-                answer = Answer(response.status, await response.read())
+                answer = ServiceAnswer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
             why = _unreachable(error)
             _logger.debug("%s %s: no answer after %.0f ms: %s", method, url, (monotonic() - begun_s) * 1e3, why)

@@ -4,13 +4,13 @@ import logging
 from time import monotonic
 
 from beamtouch_daemon.delivery.boots import Boot, SurfaceLogs
-from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError, Verdict
+from beamtouch_daemon.delivery.client import ServiceAnswer, ServiceClient, UnreachableError, Verdict
 from beamtouch_service.samples import Batch
 
 _logger = logging.getLogger(__name__)
 
 
-async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batch) -> Answer | None:
+async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batch) -> ServiceAnswer | None:
     """Send a batch of a boot with what its log still holds; return the answer, None if there was none."""
     batch = batch.model_copy(update={"oldest": boot.log.oldest, "earlier": logs.others(boot)})
     begin_s = monotonic()
@@ -41,12 +41,12 @@ async def send(client: ServiceClient, logs: SurfaceLogs, boot: Boot, batch: Batc
     return answer
 
 
-def _debug_outcome(logs: SurfaceLogs, batch: Batch, outcome: Answer | str) -> None:
+def _debug_outcome(logs: SurfaceLogs, batch: Batch, outcome: ServiceAnswer | str) -> None:
     """Write to the debug log what a request brought, and what became of it."""
     if _logger.isEnabledFor(logging.DEBUG):
         numbers = [sample.sequence for sample in batch.samples]
         samples = f"samples {numbers[0]} to {numbers[-1]}" if numbers else "no samples"
-        if isinstance(outcome, Answer):
+        if isinstance(outcome, ServiceAnswer):
             receipt = outcome.receipt
             outcome = f"{outcome.verdict.value}: {outcome.explanation}" if receipt is None else f"taken: {receipt}"
         kind = "backlog" if batch.backlog else "live"

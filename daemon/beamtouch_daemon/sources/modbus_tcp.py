@@ -14,7 +14,7 @@ from beamtouch_daemon.sources.converter import connect
 from beamtouch_daemon.sources.frame_diagnosis import describe_request, in_hex
 from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError, no_connection
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
-from beamtouch_daemon.sources.registers import DECODER, Answer, Block, answer_to
+from beamtouch_daemon.sources.registers import DECODER, Block, RegisterAnswer, answer_to
 from beamtouch_daemon.sources.requests import Failure, Requests, exception_words, insist
 from beamtouch_daemon.sources.rtu_frames import answers_of
 from beamtouch_daemon.sources.rtu_line import RtuLine
@@ -84,7 +84,7 @@ class TcpLink:
         """Do nothing: a new connection resets no device."""
         return nullcontext()
 
-    async def read(self, block: Block) -> Answer:
+    async def read(self, block: Block) -> RegisterAnswer:
         """Read registers, connecting first if necessary; ask again while a refusal may pass."""
         try:
             answer = await insist(self.ask, block, QUICK_S)
@@ -95,7 +95,7 @@ class TcpLink:
         self._has_answered = True
         return answer
 
-    async def ask(self, block: Block) -> Answer:
+    async def ask(self, block: Block) -> RegisterAnswer:
         """Send a request, connecting first if necessary; NoAnswerError if no answer comes in time."""
         try:
             answer = await self._exchange(block)
@@ -121,7 +121,7 @@ class TcpLink:
         _logger.debug("%s: %s", self._address, failure)
         return failure
 
-    async def _exchange(self, block: Block) -> Answer | None:
+    async def _exchange(self, block: Block) -> RegisterAnswer | None:
         """Send a request and return its answer; None if it does not fit.
 
         Some devices close a connection after each answer or after some time, perhaps just now. So if one ends that has

@@ -14,7 +14,7 @@ from typing import Protocol
 from beamtouch_common.log_lines import Repeated
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
-from beamtouch_daemon.sources.registers import Answer, Block, Value
+from beamtouch_daemon.sources.registers import Block, RegisterAnswer, Value
 from beamtouch_daemon.sources.requests import Requests, reason_of, refusal_text
 from beamtouch_daemon.sources.stamps import Stamps
 from beamtouch_daemon.tasks import cancel
@@ -60,7 +60,7 @@ class Link(Protocol):
         """Let the link stay open between the contexts of `opened` in the block."""
         ...
 
-    async def read(self, block: Block) -> Answer:
+    async def read(self, block: Block) -> RegisterAnswer:
         """Read registers; NoAnswerError if the unit does not answer, SourceError if the link is gone."""
         ...
 
@@ -106,7 +106,7 @@ class Part:
         if the link is gone.
         """
         contents: dict[int, int] = {}
-        answers: list[Answer] = []
+        answers: list[RegisterAnswer] = []
         self.refusal = ""
         try:
             for block in self._blocks:
@@ -138,7 +138,7 @@ class Part:
                 self.rests_until_s = min(self.rests_until_s, max(self.link.boots_until_s, now_s + BOOT_REST_S))
             self.link.requests.forget()
 
-    def _count(self, answers: Sequence[Answer], *, has_contents: bool) -> None:
+    def _count(self, answers: Sequence[RegisterAnswer], *, has_contents: bool) -> None:
         """Count the requests that were answered. That a unit lacks some of the registers is no failure now and then."""
         for answer in answers:
             for exception in answer.refusals:

@@ -36,7 +36,7 @@ class Block:
         return struct.pack(">BHH", self.function, self.first, self.count)
 
 
-class Answer(NamedTuple):
+class RegisterAnswer(NamedTuple):
     """An answer to a request for registers."""
 
     registers: Sequence[int] = ()
@@ -53,7 +53,7 @@ class Answer(NamedTuple):
         return self.exception not in (0, *LASTING)
 
 
-def answer_to(block: Block, data: bytes, asked_s: float = 0.0) -> Answer | None:
+def answer_to(block: Block, data: bytes, asked_s: float = 0.0) -> RegisterAnswer | None:
     """Return the answer to the request for a block; None if the data answer another request.
 
     Parameters
@@ -66,10 +66,10 @@ def answer_to(block: Block, data: bytes, asked_s: float = 0.0) -> Answer | None:
     if answer is None or answer.function_code & 0x7F != block.function:
         return None
     if answer.isError():
-        return Answer(exception=answer.exception_code, asked_s=asked_s)
+        return RegisterAnswer(exception=answer.exception_code, asked_s=asked_s)
     if block.function not in (READ_INPUT_REGISTERS, READ_HOLDING_REGISTERS):
-        return Answer(asked_s=asked_s)
-    return Answer(answer.registers, asked_s=asked_s) if len(answer.registers) == block.count else None
+        return RegisterAnswer(asked_s=asked_s)
+    return RegisterAnswer(answer.registers, asked_s=asked_s) if len(answer.registers) == block.count else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from enum import StrEnum
 
 from beamtouch_common.uptime import uptime_s
-from beamtouch_daemon.sources.registers import Answer, Block
+from beamtouch_daemon.sources.registers import Block, RegisterAnswer
 
 TRIES = 3
 """A request that is refused is sent at most this often."""
@@ -122,7 +122,9 @@ class Requests:
         self._newest_failures += bool(reason)
 
 
-async def insist(ask: Callable[[Block], Awaitable[Answer]], block: Block, refused_within_s: float = math.inf) -> Answer:
+async def insist(
+    ask: Callable[[Block], Awaitable[RegisterAnswer]], block: Block, refused_within_s: float = math.inf
+) -> RegisterAnswer:
     """Ask for a block, again while the refusal may pass, and return the last answer.
 
     It is as old as the first request, because it may be the late answer to that one.

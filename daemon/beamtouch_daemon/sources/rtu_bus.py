@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, asynccontextmanager
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.kept_port import KeptPort
-from beamtouch_daemon.sources.registers import Answer, Block, answer_to
+from beamtouch_daemon.sources.registers import Block, RegisterAnswer, answer_to
 from beamtouch_daemon.sources.requests import Requests
 from beamtouch_daemon.sources.rtu_frames import answers_of, silence_of
 from beamtouch_daemon.sources.rtu_line import RtuLine, UnitLine
@@ -107,7 +107,7 @@ class RtuLink:
         """Let the port stay open between the sessions in the block."""
         return self._bus.port.kept_open()
 
-    async def read(self, block: Block) -> Answer:
+    async def read(self, block: Block) -> RegisterAnswer:
         """Read registers, in turn with the other users of the bus."""
         async with self._unit.lock:
             return await self._unit.read(self._unit_line, block)

@@ -18,7 +18,7 @@ from beamtouch_daemon.sources.frame_diagnosis import (
     in_hex,
 )
 from beamtouch_daemon.sources.reading import NoAnswerError
-from beamtouch_daemon.sources.registers import Answer, Block, answer_to
+from beamtouch_daemon.sources.registers import Block, RegisterAnswer, answer_to
 from beamtouch_daemon.sources.requests import Failure, exception_words, insist
 from beamtouch_daemon.sources.rtu_frames import (
     ENVELOPE_BYTES,
@@ -66,7 +66,7 @@ class RtuLine:
         self._late_s = dict[int, float]()
         """Time of the last answer of a unit that came after its timeout; none if one has come in time since."""
 
-    async def exchange(self, address: int, block: Block, timeout_s: float) -> Answer:
+    async def exchange(self, address: int, block: Block, timeout_s: float) -> RegisterAnswer:
         """Send a request to a unit; return its answer or refusal, NoAnswerError if neither comes intact in time."""
         request = encode(address, block)
         async with self._held():
@@ -119,7 +119,9 @@ class RtuLine:
         else:
             self.port.traffic.note_other(received)
 
-    def _debug_answer(self, address: int, block: Block, came: bytes, place: tuple[int, int], answer: Answer) -> None:
+    def _debug_answer(
+        self, address: int, block: Block, came: bytes, place: tuple[int, int], answer: RegisterAnswer
+    ) -> None:
         """Write an answer to the debug log, and what came beside it; without echo, it begins and ends at `place`."""
         now_s, request, (begin, end) = uptime_s(), encode(address, block), place
         received = came.replace(request, b"")
@@ -177,11 +179,11 @@ class UnitLine:
     address: int
     timeout_s: float
 
-    async def ask(self, block: Block) -> Answer:
+    async def ask(self, block: Block) -> RegisterAnswer:
         """Send a request, again while its refusal may pass; NoAnswerError if no answer comes intact in time."""
         return await insist(self.ask_once, block)
 
-    async def ask_once(self, block: Block) -> Answer:
+    async def ask_once(self, block: Block) -> RegisterAnswer:
         """Send a request; return its answer or refusal, NoAnswerError if neither comes intact in time."""
         return await self.line.exchange(self.address, block, self.timeout_s)
 

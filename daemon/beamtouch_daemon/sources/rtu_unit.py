@@ -19,7 +19,7 @@ from typing import NamedTuple, Protocol
 
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources.reading import NoAnswerError
-from beamtouch_daemon.sources.registers import MAX_REGISTERS, UNREAD, Answer, Block
+from beamtouch_daemon.sources.registers import MAX_REGISTERS, UNREAD, Block, RegisterAnswer
 from beamtouch_daemon.sources.requests import reason_of, refusal_text
 from beamtouch_daemon.sources.rtu_frames import READ_FUNCTIONS
 
@@ -42,7 +42,7 @@ class Line(Protocol):
         """Time for an answer."""
         ...
 
-    async def ask(self, block: Block) -> Answer:
+    async def ask(self, block: Block) -> RegisterAnswer:
         """Send a request; return its answer or refusal, NoAnswerError if neither comes intact within the timeout.
 
         It is repeated while the refusal may pass. Otherwise a unit that refuses each second request would never answer
@@ -133,7 +133,7 @@ class Unit:
         if not self._owed:
             self._suspect_until_s = self._clock() + SUSPECT_S
 
-    async def read(self, line: Line, block: Block) -> Answer:
+    async def read(self, line: Line, block: Block) -> RegisterAnswer:
         """Return registers that the unit has read after this call, or its refusal.
 
         Raises
@@ -155,7 +155,7 @@ class Unit:
             self._proven_s = self._clock()
         return answer
 
-    def _is_settled_by(self, answer: Answer) -> bool:
+    def _is_settled_by(self, answer: RegisterAnswer) -> bool:
         """Return whether the unit owes no values after an answer to a request for them.
 
         A refusal may be the late one of a probe. A unit without probes has had time for that one.

@@ -39,8 +39,8 @@ REST_S = 1.0
 """Pause after the record of a surface could not be read."""
 AWAY_S = 15.0
 """Time after which the record counts as away if it has not answered."""
-ANEW_S = 86_400.0
-"""Time between two lines of a health that starts over: until it is written anew, it is read with each new boot."""
+STARTS_OVER_S = 86_400.0
+"""Time between two log lines that a health starts over: until it is written, each new boot reads the damaged one."""
 STOP_S = 2.0
 """Time for the last commit."""
 TIDY_S = 60.0
@@ -67,7 +67,7 @@ class Recorder:
         self._loads: dict[tuple[str, str], asyncio.Task[None]] = {}
         self._unread: dict[str, Surface] = {}
         """Surfaces of which the health on record has yet to be read."""
-        self._anew = Repeated(_log, every_s=ANEW_S)
+        self._starts_over = Repeated(_log, every_s=STARTS_OVER_S)
         self._commit: asyncio.Task[None] | None = None
         self._begun_s = 0.0
         """When the commit that runs began [s, monotonic]."""
@@ -272,7 +272,7 @@ class Recorder:
         """Return the health of a surface from what is on record of it, or a new one if that cannot be read."""
         history = await in_thread(lambda: HealthHistory(surface, model, stored))
         if why := history.starts_over_because:
-            self._anew.failed(f"surface {surface}: its health starts over: {why}")
+            self._starts_over.failed(f"surface {surface}: its health starts over: {why}")
         return history
 
     async def _tidy(self) -> None:

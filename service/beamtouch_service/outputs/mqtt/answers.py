@@ -6,22 +6,22 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from beamtouch_service.outputs.mqtt.failures import LOST, NO_ANSWER, BrokerError
 
-Answer = asyncio.Future[ReasonCode | None]
+BrokerAnswer = asyncio.Future[ReasonCode | None]
 """The broker's answer to a request; None if the connection is lost before, or where an answer has no reason."""
 
 
-class Answers:
+class BrokerAnswers:
     """Requests that wait for their answers."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self._waiting: dict[int, Answer] = {}
+        self._waiting: dict[int, BrokerAnswer] = {}
         self._loss = ""
         """Why the connection is lost; empty while it is not."""
 
-    def expect(self, number: int) -> Answer:
+    def expect(self, number: int) -> BrokerAnswer:
         """Return the answer to come of a request; call this before the event loop may read it."""
-        answer: Answer = self._loop.create_future()
+        answer: BrokerAnswer = self._loop.create_future()
         answer.add_done_callback(lambda _: self._waiting.pop(number))
         self._waiting[number] = answer
         return answer
@@ -38,7 +38,7 @@ class Answers:
         for number in list(self._waiting):
             self.give(number, None)
 
-    async def wait(self, answer: Answer, timeout_s: float) -> ReasonCode:
+    async def wait(self, answer: BrokerAnswer, timeout_s: float) -> ReasonCode:
         """Return an answer; raises BrokerError if the connection is lost, or after `timeout_s` [s]."""
         try:
             async with asyncio.timeout(timeout_s):

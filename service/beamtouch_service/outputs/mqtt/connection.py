@@ -18,7 +18,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from beamtouch_common.threads import in_thread
-from beamtouch_service.outputs.mqtt.answers import Answer, Answers
+from beamtouch_service.outputs.mqtt.answers import BrokerAnswer, BrokerAnswers
 from beamtouch_service.outputs.mqtt.failures import LOST, BrokerError, RefusedError, reason_of, words_for
 from beamtouch_service.outputs.mqtt.messages import OFFLINE, TEXT, Kept, Topics, kept_properties, read_kept
 from beamtouch_service.outputs.mqtt.section import MqttSection
@@ -54,9 +54,9 @@ class Connection:
         """Messages of the topics that were subscribed to."""
         self._nothing = f"{Topics(section.prefix).status}/nothing"
         """A topic to which this service never subscribes: `confirm` unsubscribes from it."""
-        self._line: socket.socket | None = None
+        self._socket: socket.socket | None = None
         """The socket that the event loop watches."""
-        self._answers = Answers()
+        self._answers = BrokerAnswers()
         self._lost = asyncio.Event()
         self._loss = ""
         """Why the connection is lost."""
@@ -86,7 +86,7 @@ class Connection:
         client.on_message = lambda _client, _data, message: self.received.put_nowait(read_kept(message))
         # Perhaps in the thread that connects.
         client.on_disconnect = lambda _client, _data, _flags, reason, _properties: self._lose_soon(str(reason))
-        client.on_socket_close = lambda _client, _data, line: self._forget(line)
+        client.on_socket_close = lambda _client, _data, sock: self._forget(sock)
         return client
 
     async def open(self) -> None:
@@ -95,14 +95,14 @@ class Connection:
             await in_thread(self._connect)
         except OSError as error:
             raise BrokerError(reason_of(error)) from None
-        line = self._client.socket()
-        if not isinstance(line, socket.socket):
+        sock = self._client.socket()
+        if not isinstance(sock, socket.socket):
             raise BrokerError(LOST)
         # Otherwise each small message would wait for the acknowledgement of the one before it.
-        line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
-        self._line = line
-        self._loop.add_reader(line, self._read)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
+        self._socket = sock
+        self._loop.add_reader(sock, self._read)
         self._write_rest()
         reason = await self._answers.wait(self._answers.expect(_CONNECT), ANSWER_S)
         if reason.is_failure:
@@ -110,11 +110,11 @@ class Connection:
 
     def close(self) -> None:
         """End the connection, without what waits to be sent. The broker then publishes the will."""
-        line = self._line
-        if line is not None:
-            line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _DROP_UNSENT)
-            self._forget(line)
-            line.close()
+        sock = self._socket
+        if sock is not None:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _DROP_UNSENT)
+            self._forget(sock)
+            sock.close()
 
     async def watch(self) -> None:
         """Wait until the connection is lost; raises BrokerError then."""
@@ -189,7 +189,7 @@ class Connection:
                 raise answer
         return all(reason.value != _NO_MATCHING_SUBSCRIBERS for reason in reasons)
 
-    def _sent(self, result: MQTTErrorCode, number: int | None) -> Answer:
+    def _sent(self, result: MQTTErrorCode, number: int | None) -> BrokerAnswer:
         """Return the answer to come of a request that was just made; raises BrokerError if there is no connection."""
         if result != MQTTErrorCode.MQTT_ERR_SUCCESS or number is None or self._lost.is_set():
             raise BrokerError(self._loss or LOST)
@@ -205,26 +205,26 @@ class Connection:
         self._answers.lose(self._loss)
 
     def _read(self) -> None:
-        line = self._line
+        sock = self._socket
         self._client.loop_read()
         # The event loop sees only the socket, not what TLS has decrypted already.
-        while self._line is line and isinstance(line, ssl.SSLSocket) and line.pending():
+        while self._socket is sock and isinstance(sock, ssl.SSLSocket) and sock.pending():
             self._client.loop_read()
         self._write_rest()
 
     def _write_rest(self) -> None:
         """Write what waits, when the socket takes it."""
-        if self._line is not None and self._client.want_write():
-            self._loop.add_writer(self._line, self._write)
+        if self._socket is not None and self._client.want_write():
+            self._loop.add_writer(self._socket, self._write)
 
     def _write(self) -> None:
         self._client.loop_write()
-        if self._line is not None and not self._client.want_write():
-            self._loop.remove_writer(self._line)
+        if self._socket is not None and not self._client.want_write():
+            self._loop.remove_writer(self._socket)
 
-    def _forget(self, line: object) -> None:
+    def _forget(self, sock: object) -> None:
         """Watch a socket no longer, before it closes."""
-        if self._line is not None and line is self._line:
-            self._loop.remove_reader(self._line)
-            self._loop.remove_writer(self._line)
-            self._line = None
+        if self._socket is not None and sock is self._socket:
+            self._loop.remove_reader(self._socket)
+            self._loop.remove_writer(self._socket)
+            self._socket = None

@@ -48,12 +48,12 @@ def make(section: OpcUaSection, _surfaces: Sequence[str], access: Access) -> Out
 
 
 async def _run(section: OpcUaSection, security: Security, address: Address, context: Context) -> None:
-    """Serve until cancelled, anew when a surface has got other variables."""
+    """Serve until cancelled. Start again when the model of a surface has other axes, and so other variables."""
     while True:
         try:
             await _serve(section, security, address, context)
         except* OtherAxesError:
-            _log.info("OPC UA server: a surface has a model with other axes: beginning anew, with its variables")
+            _log.info("OPC UA server: a surface has a model with other axes: starting again, with its variables")
 
 
 async def _serve(section: OpcUaSection, security: Security, address: Address, context: Context) -> None:

@@ -17,7 +17,7 @@ _READ_ONLY = "25006"
 
 
 class Connections:
-    """Connections that are used for one purpose, at most `pool_size` at once, and opened anew if the file changes."""
+    """Connections that are used for one purpose, at most `pool_size` at once, and opened again if the file changes."""
 
     def __init__(
         self,

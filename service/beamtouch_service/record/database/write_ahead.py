@@ -9,7 +9,7 @@ from sqlalchemy import Connection
 from beamtouch_common.log_lines import Repeated
 
 WARN_BYTES = 16_000_000
-"""From this size on, the log names the reason: otherwise SQLite begins anew with it after about one MB."""
+"""From this size on, the log names the reason: otherwise SQLite overwrites it from its start after about one MB."""
 MAX_BYTES = 64_000_000
 """Beyond this size nothing is written: a full disk would cost more than events, which the daemons keep meanwhile."""
 _log = logging.getLogger(__name__)

@@ -23,7 +23,7 @@ EventKey = Row[*tuple[Any, ...]]
 """`touched_us` and `id` of an event: its place in the order of touches."""
 _c = EVENTS.c
 _IS_ASKED = _c.id.in_(bindparam("ids", expanding=True))
-# Made once: to make one anew takes the interpreter for longer than to run it.
+# Made once: making a statement takes the interpreter for longer than running it.
 _EVENTS = select(_c.id, *WITHOUT_PATH).where(_IS_ASKED)
 _EVENTS_WITH_PATH = select(_c.id, *CONTENT).where(_IS_ASKED)
 _BEST_SAMPLES = select(_c.id, _c.surface, _c.model, _c.best).where(_IS_ASKED)

@@ -19,8 +19,8 @@ is kept. So a wrong limit does not empty the record before somebody reads the lo
 _FEWEST = 100
 """This many may always go at a time."""
 _QUIET_BOOT_S = 86_400.0
-"""The cursor of a boot without an event on record is deleted this long after its last sample. A daemon that is started
-anew every few seconds would fill the record with them, and so displace events."""
+"""The cursor of a boot without an event on record is deleted this long after its last sample. A daemon that restarts
+every few seconds would fill the record with them, and so displace events."""
 _c = EVENTS.c
 _log = logging.getLogger(__name__)
 
