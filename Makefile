@@ -10,7 +10,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 PER_CORE = $(if $(filter-out daemon,$(or $(NAMES),all)),2,4)
 WORKERS ?= $(shell expr $(PER_CORE) \* $$(nproc))
 
-.PHONY: help install demo test soak versions faults mutants coverage bench check docs reference release format deb clean
+.PHONY: help install demo test soak versions faults mutants coverage bench check docs reference release format deb images clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -71,6 +71,9 @@ format: $(INSTALLED)  ## format the code and sort the imports
 
 deb:  ## build the Debian packages in build/deb
 	packaging/debian/build
+
+images:  ## build the OCI images of daemon and service in build/images, as root
+	packaging/images/build
 
 release: $(INSTALLED)  ## source distribution and wheel in build/release, checked and tried in a fresh environment
 	packaging/release

@@ -164,16 +164,19 @@ class Line:
         self._start("daemon", ["beamtouch-daemon", "run", str(config), "--summary", str(self.summary)])
 
     def _start(self, name: str, command: list[str]) -> None:
-        program = str(Path(sys.executable).parent / command[0])
         with (self.folder / f"{name}.log").open("w") as log:
             self._processes[name] = subprocess.Popen(
-                [program, *command[1:]],
+                self._find_program(command),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
                 text=True,
                 start_new_session=True,  # so that Ctrl-C reaches only the demo, which ends the processes in order
             )
+
+    def _find_program(self, command: list[str]) -> list[str]:
+        """Return a command with the path of its program."""
+        return [str(Path(sys.executable).parent / command[0]), *command[1:]]
 
     def _first_line(self, name: str) -> str:
         """Wait for the first line of a process, which states its address."""

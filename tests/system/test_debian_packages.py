@@ -55,7 +55,12 @@ def newest(extra: str) -> tuple[Path | None, str]:
     if not files:
         return None, "the Debian packages are not built; type: make deb"
     sources = [path for path in DEBIAN.iterdir() if path.name not in {"boot", "fresh-root"}]
-    sources += [ROOT / "constraints.txt", ROOT / "pyproject.toml", *(ROOT / extra).glob("beamtouch-*")]
+    sources += [
+        ROOT / "packaging" / "environment.sh",
+        ROOT / "constraints.txt",
+        ROOT / "pyproject.toml",
+        *(ROOT / extra).glob("beamtouch-*"),
+    ]
     if files[-1].stat().st_mtime < max(path.stat().st_mtime for path in sources):
         return None, "the Debian packages are older than what they are made from; type: make deb"
     return files[-1], ""

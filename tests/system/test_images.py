@@ -1,0 +1,148 @@
+"""The images that `make images` has built: what they hold, and a line whose daemon and service run in them."""
+
+import json
+import os
+import signal
+import subprocess
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx2
+import pytest
+import tomli_w
+
+from line import Line, Surface
+from support.network.plain_http import TIMEOUT_S
+from support.programs.service_manager import Manager
+from support.programs.toolchain import run
+from support.running.debian_parts import give_up, require
+from support.running.waiting import wait_until
+from support.surfaces.example_scenes import SCENES
+
+pytestmark = [pytest.mark.soak, pytest.mark.timeout(600)]
+
+ROOT = Path(__file__).parents[2]
+BUILT = ROOT / "build" / "images"
+VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+MAX_MB = {"beamtouch-daemon": 60, "beamtouch-service": 120}
+"""Largest size of an image as it is sent."""
+USER = 10001
+IN_ITS_OWN_TREE = 'umount -R -l /sys/fs/cgroup; mount -t cgroup2 cgroup2 /sys/fs/cgroup; exec "$@"'
+"""A machine of tests may have the older control groups, which its runtime does not take."""
+CONTAINED = [
+    *("run", "--rm", "--network", "host", "--cgroups", "disabled", "--read-only", "--cap-drop", "all"),
+    *("--security-opt", "no-new-privileges", "--ulimit", "nofile=1024:1024", "--ulimit", "nproc=1024:1024"),
+]
+
+
+def newest(program: str) -> Path:
+    """Return the image of a program for this machine; without it, or if it is older than the code, gives up."""
+    architecture = run(require("dpkg", "dpkg"), "--print-architecture").strip()
+    image = BUILT / f"{program}_{architecture}.tar"
+    sources = [
+        ROOT / name
+        for name in ("constraints.txt", "pyproject.toml", "packaging/environment.sh", "packaging/images/build")
+    ]
+    if not image.exists() or image.stat().st_mtime < max(path.stat().st_mtime for path in sources):
+        give_up("the images are not built, or older than what they are made from; type: make images")
+    return image
+
+
+@pytest.fixture(scope="module")
+def podman(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The beginning of a command of podman, which has both images."""
+    if os.getuid() != 0:
+        give_up("only root can run containers on any machine")
+    store = tmp_path_factory.mktemp("podman")
+    command = [
+        *("unshare", "--mount", "bash", "-c", IN_ITS_OWN_TREE, "bash", require("podman", "podman")),
+        *("--runtime", require("crun", "crun"), "--root", str(store / "root"), "--runroot", str(store / "run")),
+    ]
+    for program in MAX_MB:
+        run(*command, "load", "--quiet", "--input", newest(program))
+    return command
+
+
+class Contained(Line):
+    """A line whose daemon and service run in containers with read-only roots."""
+
+    podman: list[str]
+
+    def _find_program(self, command: list[str]) -> list[str]:
+        program, *words = command
+        if program not in MAX_MB:
+            return super()._find_program(command)
+        shared = ["--volume", f"{self.folder}:{self.folder}", "--env", "PYTHONUNBUFFERED=1"]
+        return [*self.podman, *CONTAINED, *shared, f"localhost/{program}:{VERSION}", *words]
+
+
+@pytest.fixture
+def line(tmp_path: Path, bench_model: Path, podman: list[str]) -> Iterator[Contained]:
+    """A line with a load at 150 mm that stays."""
+    (tmp_path / "script.toml").write_text("[[step]]\nseconds = 600\nposition_mm = 150.0\nforce_n = 10.0\n")
+    model = tmp_path / "bench.onnx"
+    model.write_bytes(bench_model.read_bytes())
+    surface = Surface("bench", "modbus-tcp", tmp_path / "script.toml", ("--no-ringing",))
+    record = {"events": {"file": "/var/lib/beamtouch/events.db"}}
+    contained = Contained(
+        tmp_path, SCENES / "bench.toml", model, bench_model.with_suffix(".toml"), [surface], sections=record
+    )
+    contained.podman = podman
+    os.chown(tmp_path, USER, USER)
+    with contained:
+        yield contained
+
+
+def test_a_line_in_containers_finds_a_contact_and_ends_as_asked(line: Contained) -> None:
+    def answer() -> dict[str, object]:
+        response = httpx2.get(f"{line.url}/surfaces/bench/contact", timeout=TIMEOUT_S)
+        return dict(response.json())
+
+    wait_until(lambda: answer().get("state") == "contact", pause_s=0.2)
+    assert answer()["position_mm"] == pytest.approx(150.0, abs=5.0)
+    assert line.end("daemon") == 0
+    assert line.end("service") == 0
+
+
+@pytest.mark.parametrize("program", MAX_MB)
+def test_an_image_is_small_and_has_neither_root_nor_shell(podman: list[str], program: str) -> None:
+    assert newest(program).stat().st_size < MAX_MB[program] * 1e6
+    (image,) = json.loads(run(*podman, "image", "inspect", f"localhost/{program}:{VERSION}"))
+    assert image["Config"]["User"] == f"{USER}:20"
+    looks = "import os; print(os.getuid(), os.path.exists('/bin/sh'), os.path.exists('/usr/bin/dpkg'))"
+    python = ["--entrypoint", "/usr/bin/python3", f"localhost/{program}:{VERSION}"]
+    assert run(*podman, *CONTAINED, *python, "-c", looks) == f"{USER} False False\n"
+    writes = "import sys\ntry: open('/opt/beamtouch/x', 'w')\nexcept OSError as error: print(error.strerror)"
+    assert run(*podman, *CONTAINED, *python, "-c", writes) == "Read-only file system\n"
+
+
+def test_an_image_without_a_configuration_says_so_in_a_line(podman: list[str]) -> None:
+    command = [*podman, *CONTAINED, f"localhost/beamtouch-service:{VERSION}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr == "beamtouch-service: /etc/beamtouch/service.toml: No such file or directory\n"
+
+
+def test_the_service_in_a_container_tells_the_service_manager(
+    tmp_path: Path, podman: list[str], bench_model: Path
+) -> None:
+    """It says that it is ready, and that it still works; the manager's signal ends it."""
+    (tmp_path / "bench.onnx").write_bytes(bench_model.read_bytes())
+    configuration = {"server": {"port": 0}, "surfaces": {"bench": {"model": "bench.onnx"}}}
+    (tmp_path / "service.toml").write_text(tomli_w.dumps(configuration))
+    os.chown(tmp_path, USER, USER)
+    manager = Manager(tmp_path)
+    notifies = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"}
+    command = [
+        *(*podman, *CONTAINED, "--sdnotify", "container", "--env", "WATCHDOG_USEC"),
+        *("--volume", f"{tmp_path}:/etc/beamtouch:ro", f"localhost/beamtouch-service:{VERSION}"),
+    ]
+    with subprocess.Popen(command, env=os.environ | notifies, stdout=subprocess.DEVNULL) as service:
+        try:
+            assert manager.until("READY=1")
+            assert manager.until("WATCHDOG=1", times=2)
+        finally:
+            service.send_signal(signal.SIGTERM)
+            manager.close()
+        assert service.wait(60) == 0
