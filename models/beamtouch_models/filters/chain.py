@@ -26,8 +26,9 @@ could make a beam at rest look touched; a larger part would leave no value where
 """
 MAX_COMPARED = 8
 """Newest readings of a growing mean whose scatter is tested. The mean itself shows slower motion."""
-BLOCK_VALUES = 500_000
-"""Longer inputs are filtered in parts, so that the windows of a part fit in memory."""
+BLOCK_READINGS, BLOCK_VALUES = 128, 500_000
+"""Longer inputs are filtered in parts, so that what is computed of a part fits in a processor's cache, and its windows
+in memory."""
 ROUNDING = 1e-6
 """Part of a reading by which a time may fall short of a whole number of readings, as it was rounded."""
 
@@ -126,7 +127,7 @@ class Chain:
         self._memory = memory
         self._longest = max(mean.most, memory)
         self._kept = max(mean.most + 2, self._detector.rows if self._detector else 0)
-        self._block = max(1, BLOCK_VALUES // (memory * channels))
+        self._block = max(1, min(BLOCK_READINGS, BLOCK_VALUES // (memory * channels)))
         self.restart()
 
     def restart(self) -> None:

@@ -225,8 +225,10 @@ class Zeros:
         """
         rows = np.concatenate(self._rows)
         self._begin()
-        there: NDArray[np.bool_] = ~np.any(np.isnan(rows), axis=0)
-        mean, scatter = rows.mean(axis=0), rows.var(axis=0) * self._size / (self._size - 1)
+        mean = rows.sum(axis=0) / len(rows)
+        apart = rows - mean
+        scatter = (apart * apart).sum(axis=0) / (len(rows) - 1)
+        there: NDArray[np.bool_] = ~np.isnan(mean)
         is_calm = there.any() and bool((scatter[there] <= CALM * self._single_mm2[there]).all())
         if not is_calm:
             rest = self._found(filtered, behind)
