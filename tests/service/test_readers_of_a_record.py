@@ -47,9 +47,9 @@ async def test_32_answers_may_be_under_way_and_the_next_waits_for_a_while(
 async def test_an_answer_of_the_database_is_awaited_for_a_time_only(
     transactions: Transactions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(readers, "QUERY_S", 0.05)
     all_readers, go_on = Readers(transactions.database), threading.Event()
     assert await all_readers.read(lambda reader: len(reader.rows(select(literal(1))))) == 1
+    monkeypatch.setattr(readers, "QUERY_S", 0.05)
     with pytest.raises(RecordAwayError, match=r"^it has not answered for 0\.05 s$"):
         await all_readers.read(lambda _: go_on.wait(30))
     go_on.set()

@@ -30,7 +30,7 @@ from beamtouch_service.surfaces.follower import Decision
 from beamtouch_service.surfaces.surface import Surface as Served
 
 BOOT, BEGIN_S = "boot-0001", 1.7e9
-CHUNK_S = 0.05
+CHUNK_S = 0.25
 """Time of the readings that are processed together."""
 SETTLED_S = 0.15
 """Time after a touch, and before a lift, in which nothing is judged."""
