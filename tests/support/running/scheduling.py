@@ -18,10 +18,8 @@ TOGETHER = (
     "process/test_page.py",
     "process/test_page_beam.py",
     "process/test_page_behind_proxies.py",
-    "process/test_page_commissioning.py",
     "process/test_page_doubt.py",
     "process/test_page_token.py",
-    "process/test_zones.py",
 )
 
 
