@@ -283,7 +283,7 @@ def test_missing_channels_are_named_and_the_batch_changes_nothing(bench: Bench) 
 
 DETAIL = (
     "The samples are of beam beam-2, the model is of beam beam-1. Give the service the model of beam-2, or the daemon "
-    "the configuration that was built with this model (400 mm; s1 100, s2 200, s3 300)."
+    "the configuration that was built with this model (a beam of 400 mm; s1 100, s2 200, s3 300)."
 )
 
 

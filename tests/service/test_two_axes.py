@@ -31,6 +31,7 @@ TOUCHING: Row = [0.5, 0.25, 0.125]
 HARDER: Row = [0.5, 0.75, 0.5]
 PLACE = {"x_mm": 150.0, "x_low_mm": 149.0, "x_high_mm": 151.0, "y_mm": 75.0, "y_low_mm": 74.0, "y_high_mm": 76.0}
 NAMES = list(PLACE)
+SENSORS = [("s1", 100, 50), ("s2", 200, 150), ("s3", 300, 250)]
 OF_EVENT = {
     *("mean_x_mm", "mean_x_low_mm", "mean_x_high_mm", "min_x_mm", "max_x_mm", "peak_x_mm"),
     *("mean_y_mm", "mean_y_low_mm", "mean_y_high_mm", "min_y_mm", "max_y_mm", "peak_y_mm"),
@@ -60,9 +61,14 @@ def test_contact_stream_and_problem() -> None:
     bench.send(TOUCHING, sequence=2)
     contact = bench.contact()
     assert (places_of(contact), contact["force_n"], contact["state"]) == (PLACE, 8.75, "contact")
-    assert list(contact)[1:9] == ["state", *NAMES, "force_n"]
+    assert contact["place_correlation"] == 0.4375
+    assert list(contact)[1:9] == ["state", *NAMES, "place_correlation"]
     (surface,) = bench.app.context.registry
-    assert places_of(state_of(surface.view(bench.now_s))["contact"]) == PLACE
+    state = state_of(surface.view(bench.now_s))
+    assert (places_of(state["contact"]), state["length_mm"], state["width_mm"]) == (PLACE, 400, 300)
+    assert [(one["name"], one["x_mm"], one["y_mm"]) for one in state["channels"]] == SENSORS
+    described = bench.get("/surfaces/press-7/model").json()
+    assert list(zip(described["channels"], described["positions_mm"], described["across_mm"], strict=True)) == SENSORS
     bench.send([0.5, 1.75, 1.75], sequence=3)
     assert bench.problem() == "unusable-estimate"
     assert "x_mm is 625, off a plate of 400 by 300 mm" in bench.get("/contact").json()["detail"]

@@ -422,6 +422,11 @@ class Metadata(MetadataPart):
             return np.array([channel.position_mm for channel in self.layout])
         return np.array([[channel.position_mm, channel.across_mm] for channel in self.layout], dtype=np.float64)
 
+    def place_of(self, channel: Channel) -> dict[str, float]:
+        """Return the place of a sensor: axis -> its coordinate [mm]."""
+        place_mm = (channel.position_mm, *([] if channel.across_mm is None else [channel.across_mm]))
+        return dict(zip(self.axes, place_mm, strict=True))
+
     @property
     def size_mm(self) -> tuple[float, ...]:
         """Length along each axis."""

@@ -20,7 +20,7 @@ from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPa
 from beamtouch_service.surfaces.fields import members_of
 from beamtouch_service.surfaces.pace import Pace
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.view import View
+from beamtouch_service.surfaces.view import ChannelView, View
 from beamtouch_service.surfaces.watch import Watch
 
 MEDIA_TYPE = "text/event-stream"
@@ -41,10 +41,16 @@ def state_of(view: View) -> dict[str, Any]:
         "problem": view.problem and view.problem.body(),
         "misfit_limit": view.misfit_limit,
         "age_ms": view.age_ms,
-        "channels": [channel._asdict() for channel in view.channels],
+        "channels": [_channel(channel) for channel in view.channels],
         "length_mm": view.model.metadata.length_mm if view.model else None,
+        "width_mm": view.model.metadata.width_mm if view.model else None,
         "sequence": view.sequence,
     }
+
+
+def _channel(channel: ChannelView) -> dict[str, Any]:
+    place_mm = {f"{axis}_mm": at_mm for axis, at_mm in channel.place_mm.items()}
+    return {"name": channel.name, **place_mm, "deflection_mm": channel.deflection_mm, "quality": channel.quality}
 
 
 class StateStream(StreamingResponse):

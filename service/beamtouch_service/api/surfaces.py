@@ -65,11 +65,14 @@ class SurfaceList(BaseModel):
 
 
 class Beam(BaseModel):
-    """The data to draw a beam."""
+    """The data to draw a beam, or a plate from above."""
 
     model: str
     """Name and fingerprint of the model; a contact that states the same one belongs to this beam."""
     length_mm: float
+    """Of a plate, along `x`."""
+    width_mm: float | None
+    """Of a plate, along `y`; null on a beam."""
     drawn: BeamDrawing
     zones: dict[str, Zone]
     """The zones of the configuration by name."""
@@ -123,7 +126,14 @@ async def get_beam(context: ContextParameter, name: SurfaceInPath) -> Beam:
     It changes only with the model, so it is not part of the stream.
     """
     model, zones = _model(context, name), context.registry.named(name).section.zones
-    return Beam(model=model.identity, length_mm=model.metadata.length_mm, drawn=model.metadata.drawn, zones=zones)
+    metadata = model.metadata
+    return Beam(
+        model=model.identity,
+        length_mm=metadata.length_mm,
+        width_mm=metadata.width_mm,
+        drawn=metadata.drawn,
+        zones=zones,
+    )
 
 
 def summarize(surface: Surface, now_s: float) -> SurfaceSummary:

@@ -1,6 +1,7 @@
 // The table of recent events: contacts, and stretches that nothing explains.
 
 import { byId, html } from "./dom.js";
+import { inWords } from "./places.js";
 
 export class Events {
   constructor(token) {
@@ -57,11 +58,20 @@ export class Events {
 }
 
 /** Where the load lay, or from where to where it moved. */
-function place({ mean_position_mm: mean, mean_position_low_mm: low, mean_position_high_mm: high, ...event }) {
-  const moved = event.min_position_mm < low || event.max_position_mm > high;
-  if (moved) return html("td", {}, `${event.min_position_mm.toFixed(1)} … ${event.max_position_mm.toFixed(1)}`);
-  return number(mean, low, high);
+function place(event) {
+  const axes = "mean_x_mm" in event ? ["x", "y"] : ["position"];
+  const [means, lows, highs, least, most] = ["mean_#", "mean_#_low", "mean_#_high", "min_#", "max_#"].map((name) =>
+    axes.map((axis) => event[`${name.replace("#", axis)}_mm`]),
+  );
+  if (means.some(isUnknown)) return html("td", {}, "—");
+  const hasMoved = axes.some((_, index) => least[index] < lows[index] || most[index] > highs[index]);
+  if (hasMoved) return html("td", {}, axes.map((_, index) => span(least[index], most[index], "…")).join(", "));
+  const title = `${axes.map((_, index) => span(lows[index], highs[index], "to")).join(", ")} (95 %)`;
+  return html("td", { title }, inWords(means, 1));
 }
+
+const isUnknown = (value) => value === null || value === undefined;
+const span = (low, high, word) => `${low.toFixed(1)} ${word} ${high.toFixed(1)}`;
 
 /** The mean force, and the largest one if it was clearly larger. */
 const force = ({ mean_force_n: mean, mean_force_low_n: low, mean_force_high_n: high, peak_force_n: peak }) => {
@@ -72,8 +82,8 @@ const force = ({ mean_force_n: mean, mean_force_low_n: low, mean_force_high_n: h
 
 const clock = (at) => html("time", { datetime: at }, new Date(at).toLocaleTimeString("en-GB"));
 const number = (value, low, high) => {
-  if (value === null || value === undefined) return html("td", {}, "—");
-  return html("td", { title: `${low.toFixed(1)} to ${high.toFixed(1)} (95 %)` }, value.toFixed(1));
+  if (isUnknown(value)) return html("td", {}, "—");
+  return html("td", { title: `${span(low, high, "to")} (95 %)` }, value.toFixed(1));
 };
 const seconds = (ms) => (ms / 1000).toFixed(1);
 

@@ -7,6 +7,8 @@ import { Drawing } from "./drawing.js";
 import { Events } from "./events.js";
 import { Feed } from "./feed.js";
 import { Health } from "./health.js";
+import { axesShown, inWords, isPlate, placeOf } from "./places.js";
+import { PlateView } from "./plate.js";
 import { ANSWERS, describe, figures, hasMoved, RELOAD, words } from "./state.js";
 import { drawStrip, forceRange, History } from "./strip.js";
 import { drawChannels } from "./tables.js";
@@ -25,16 +27,17 @@ const token = new Token();
 const events = new Events(token);
 const health = new Health(token);
 const commissioning = new Commissioning(token);
-const beamView = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), text));
+const captioned = [byId("beam"), (text) => setText(byId("beam-words"), text)];
+const [beamView, plateView] = [new BeamView(...captioned), new PlateView(...captioned)];
 const drawing = new Drawing(token);
 const feed = new Feed(token, remember, surfacesKnown);
 const form = new TokenForm(token, otherToken);
 let said = "";
-let spoken = { at: -Infinity, position: null }; // the place of the contact that was announced last
+let spoken = { at: -Infinity, place: null }; // the place of the contact that was announced last
 let heard = new Set(); // passing notes that were announced in this state
 let model = null; // that the newest contact comes from, or that the surface had when the stream began
 let steps = 0;
-let length = 100; // of the beam in mm, kept for the chart while nothing is known of it
+let size = [100, 100]; // of the surface along each axis in mm, kept for the charts while nothing is known of it
 
 /** Each message goes into the strip charts, drawn or not. */
 function remember() {
@@ -119,7 +122,8 @@ function show() {
   if (feed.link === "open") drawing.want(feed.chosen, model);
   const beam = drawing.of(model, shown.length);
   const under = (scale) => bands(beam, shown.contact, scale);
-  beamView.draw(shown, beam?.drawn ?? null, under, (scale) => commissioning.aim(scale));
+  document.body.dataset.axes = axesShown(shown).length;
+  (isPlate(shown) ? plateView : beamView).draw(shown, beam?.drawn ?? null, under, (scale) => commissioning.aim(scale));
   listZones(byId("zones"), beam, shown.contact);
   if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
 }
@@ -128,8 +132,14 @@ function drawNow(shown) {
   const texts = figures(shown);
   setText(byId("headline"), shown.title);
   setText(byId("detail"), shown.detail);
-  setText(byId("position"), texts.position);
-  setText(byId("position-interval"), texts.positionInterval);
+  const [first, second = { at: "—", interval: "" }] = texts.places;
+  byId("across-figure").hidden = byId("across-chart").hidden = texts.places.length === 1;
+  setText(byId("place-name"), texts.places.length === 1 ? "Position" : "x");
+  setText(byId("place-chart"), `${texts.places.length === 1 ? "Position" : "x"} in mm, last minute`);
+  setText(byId("position"), first.at);
+  setText(byId("position-interval"), first.interval);
+  setText(byId("across"), second.at);
+  setText(byId("across-interval"), second.interval);
   setText(byId("force"), texts.force);
   setText(byId("force-interval"), texts.forceInterval);
   setText(byId("age"), texts.age);
@@ -150,22 +160,24 @@ function announce(shown) {
     speak(shown);
   } else if (performance.now() - spoken.at > SPEECH_MS) {
     const news = shown.passing?.some((note) => !heard.has(note));
-    if (news || hasMoved(shown.contact, spoken.position)) speak(shown);
+    if (news || hasMoved(shown.contact, spoken.place)) speak(shown);
   }
 }
 
 function speak(shown) {
   const { passing = [] } = shown;
-  const position = shown.kind === "contact" ? shown.contact.position_mm : null;
-  const place = position === null ? "" : ` at ${position.toFixed(0)} mm`;
-  spoken = { at: performance.now(), position };
+  const place = shown.kind === "contact" ? placeOf(shown.contact) : null;
+  spoken = { at: performance.now(), place };
   passing.forEach((note) => heard.add(note));
-  setText(byId("status"), [words(shown, place), ...passing].join(". "));
+  setText(byId("status"), [words(shown, place && ` at ${inWords(place, 0)} mm`), ...passing].join(". "));
 }
 
 function drawStrips(shown) {
-  length = shown.length ?? length;
-  drawStrip(byId("position-strip"), history, ["position_mm", "position_low_mm", "position_high_mm"], [0, length]);
+  if (shown.length) size = [shown.length, shown.width];
+  axesShown(shown).forEach((axis, index) => {
+    const names = ["", "_low", "_high"].map((end) => `${axis}${end}_mm`);
+    drawStrip(byId(["position-strip", "across-strip"][index]), history, names, [0, size[index] ?? 100]);
+  });
   drawStrip(byId("force-strip"), history, ["force_n", "force_low_n", "force_high_n"], forceRange(history));
 }
 

@@ -1,6 +1,7 @@
 // From what the feed knows to what the page says. No document here.
 
 import { noted } from "./notes.js";
+import { axesOf, axesShown, inWords, placeOf } from "./places.js";
 
 // Of these problems the channels are as new as ever.
 const CURRENT = ["too-few-channels", "unusable-estimate"];
@@ -22,7 +23,9 @@ const known = (value, digits) => (value === null || value === undefined ? "—" 
  */
 export function describe(feed) {
   const { message } = feed;
-  const nothing = { contact: null, channels: stripped(feed.shape), length: feed.shape?.length_mm ?? null, age: null };
+  const { shape } = feed;
+  const size = { length: shape?.length_mm ?? null, width: shape?.width_mm ?? null };
+  const nothing = { contact: null, channels: stripped(shape), ...size, age: null };
   if (feed.link === "lost") {
     return { ...nothing, kind: "lost", title: `No connection since ${clock(feed.since)}`, detail: `${feed.why} Trying again.`.trim() };
   }
@@ -55,21 +58,19 @@ function answer({ contact, misfit_limit: misfitLimit }) {
 
 /** The channels without what they measured, for times at which that is old. */
 function stripped(shape) {
-  return (shape?.channels ?? []).map(({ name, position_mm }) => ({
-    name,
-    position_mm,
-    deflection_mm: null,
-    quality: "unknown",
-  }));
+  return (shape?.channels ?? []).map((channel) => ({ ...channel, deflection_mm: null, quality: "unknown" }));
 }
 
 /** The large figures as texts; "—" for everything that is not known now. */
 export function figures(shown) {
   const { contact: found } = shown;
   const unestimated = shown.kind === "contact" && found.force_n === null;
+  const places = axesShown(shown).map((axis) => ({
+    at: known(found?.[`${axis}_mm`], 1),
+    interval: interval(found?.[`${axis}_low_mm`], found?.[`${axis}_high_mm`]),
+  }));
   return {
-    position: known(found?.position_mm, 1),
-    positionInterval: interval(found?.position_low_mm, found?.position_high_mm),
+    places,
     force: known(found?.force_n, 1),
     forceInterval: unestimated ? "not estimated" : interval(found?.force_low_n, found?.force_high_n),
     misfit: misfit(found, shown.misfitLimit),
@@ -93,15 +94,17 @@ function interval(low, high) {
  *
  * Without a place it changes only when the state does, or what lasts beside it.
  */
-export function words(shown, place = "") {
+export function words(shown, place) {
   const beside = shown.kind !== "clear" && shown.lasting ? [shown.lasting] : [];
-  return [`${shown.title}${place}`, ...beside].join(". ");
+  return [`${shown.title}${place ?? ""}`, ...beside].join(". ");
 }
 
 /** Whether a contact has left the place that was announced: that is out of its interval, or by a millimetre without one. */
 export function hasMoved(contact, announced) {
   if (contact?.state !== "contact" || announced === null) return false;
-  const { position_mm: at, position_low_mm: low, position_high_mm: high } = contact;
-  if (at.toFixed(0) === announced.toFixed(0)) return false;
-  return announced < (low ?? at - 1) || announced > (high ?? at + 1);
+  if (inWords(placeOf(contact), 0) === inWords(announced, 0)) return false;
+  return axesOf(contact).some((axis, index) => {
+    const [at, low, high] = ["", "_low", "_high"].map((end) => contact[`${axis}${end}_mm`]);
+    return announced[index] < (low ?? at - 1) || announced[index] > (high ?? at + 1);
+  });
 }

@@ -1,6 +1,7 @@
 // The table of the sensors.
 
 import { byId, html, setText, sign } from "./dom.js";
+import { inWords, placeOf } from "./places.js";
 
 const WORDS = {
   good: "good",
@@ -24,10 +25,11 @@ function channelRow() {
   return html("tr", {}, html("th", { scope: "row" }), html("td"), html("td"), html("td"));
 }
 
-function drawChannel(row, { name, position_mm: at, deflection_mm: deflection, quality }, suspect) {
+function drawChannel(row, channel, suspect) {
+  const { name, deflection_mm: deflection, quality } = channel;
   const [title, place, value, words] = row.cells;
   setText(title, name);
-  setText(place, at.toFixed(1));
+  setText(place, inWords(placeOf(channel), 1));
   setText(value, deflection === null ? "—" : signed(deflection));
   const text = suspect ? "check first" : (WORDS[quality] ?? quality);
   if (words.textContent === text) return;

@@ -1,12 +1,25 @@
-// The zones of a beam: drawn behind it, and listed, each with its answer in the contact. Either may be null.
+// The zones of a surface: drawn behind it, and listed, each with its answer in the contact. Either may be null.
 
 import { html, setText, svg } from "./dom.js";
+import { box } from "./plate.js";
 
 const UNKNOWN = "—";
 const LABEL_LEAST_PX = 160; // height of a drawing with room for names
 
-/** Return the zones as bands behind the beam, each in the style of its answer. */
+/** Return the zones behind the drawing, each in the style of its answer: bands on a beam, rectangles on a plate. */
 export function bands(beam, contact, scale) {
+  return scale.isPlate ? rectangles(beam, contact, scale) : alongBeam(beam, contact, scale);
+}
+
+function rectangles(beam, contact, scale) {
+  return Object.entries(beam?.zones ?? {}).flatMap(([name, { x_mm: x, y_mm: y }]) => {
+    const kind = `zone ${contact?.zones?.[name] ?? "unknown"}`;
+    const at = { class: "muted", x: scale.x(x[0]) + 5, y: scale.y(y[0]) - 6 };
+    return [svg("rect", { class: kind, ...box(scale, x, y), "data-zone": name }), svg("text", at, name)];
+  });
+}
+
+function alongBeam(beam, contact, scale) {
   return Object.entries(beam?.zones ?? {}).flatMap(([name, { from_mm: from, to_mm: to }], place) => {
     const [x, width] = [scale.x(from), (to - from) * scale.perMm];
     const kind = `zone ${contact?.zones?.[name] ?? "unknown"}`;
@@ -21,10 +34,13 @@ export function bands(beam, contact, scale) {
 export function listZones(list, beam, contact) {
   const zones = Object.entries(beam?.zones ?? {});
   while (list.children.length > zones.length) list.lastChild.remove();
-  zones.forEach(([name, { from_mm: from, to_mm: to }], index) => {
+  zones.forEach(([name, zone], index) => {
     const item = list.children[index] ?? list.appendChild(html("li"));
     const answer = contact?.zones?.[name];
-    setText(item, `${name}, ${from} … ${to} mm: ${answer ?? UNKNOWN}`);
+    setText(item, `${name}, ${where(zone)} mm: ${answer ?? UNKNOWN}`);
     item.className = answer ?? "unknown";
   });
 }
+
+const where = ({ from_mm: from, to_mm: to, x_mm: x, y_mm: y }) =>
+  x ? `x ${x[0]} … ${x[1]}, y ${y[0]} … ${y[1]}` : `${from} … ${to}`;

@@ -7,7 +7,7 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from beamtouch_common.outline import Outline, Place, Span, names_of
-from beamtouch_models.runtime import LOG_ODDS, MISFIT, Evidence
+from beamtouch_models.runtime import CORRELATION, LOG_ODDS, MISFIT, Evidence
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMALS = 4
@@ -27,6 +27,8 @@ class Figures(NamedTuple):
     place: Place
     force: Span | None = None
     """None if the model does not estimate it."""
+    correlation: float | None = None
+    """Of the two coordinates on a plate; None on a beam, or if the model does not estimate it."""
 
 
 class UnusableEstimateError(ValueError):
@@ -51,7 +53,11 @@ def figures_of(answer: Mapping[str, float], outline: Outline) -> Figures:
     # An interval may reach beyond the end of the structure. One that misses it is not an answer.
     if axis := outline.find_miss(place):
         raise UnusableEstimateError(f"{axis}_mm is {answer[f'{axis}_mm']:.6g}, off {outline}")
-    return Figures({axis: _rounded(span) for axis, span in place.items()}, force and _rounded(force))
+    correlation = answer.get(CORRELATION)
+    if correlation is not None:
+        _require_finite(CORRELATION, correlation)
+        correlation = round(correlation, _DECIMALS)
+    return Figures({axis: _rounded(span) for axis, span in place.items()}, force and _rounded(force), correlation)
 
 
 def _span(answer: Mapping[str, float], figure: str, unit: str) -> Span:

@@ -95,6 +95,15 @@ def _force() -> tuple[Field, ...]:
     return _spans("force", "N", 14, lambda view: view.force, ((meaning, words), *_INTERVAL))
 
 
+_CORRELATION = Field(
+    "place_correlation",
+    float | None,
+    "Correlation of the two coordinates, -1 to 1: with the intervals, it makes the ellipse that holds 95 %. Null "
+    "unless the state is `contact`, or if the model does not estimate it.",
+    lambda view: view.correlation,
+)
+
+
 @cache
 def fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field, ...]:
     """Return the fields of a contact on a surface with these axes, in their order in JSON."""
@@ -109,6 +118,7 @@ def fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field, ...]:
         ),
         # Registers keep their offsets for good: those of a second axis came later.
         *(field for axis, offset in zip(axes, (8, 50), strict=False) for field in _place(axis, offset)),
+        *([_CORRELATION] if len(axes) > 1 else []),
         *_force(),
         Field(
             "age_ms",

@@ -14,10 +14,15 @@ class ModelDescription(BaseModel):
     """Identity of the beam with its layout, which a batch may state."""
     estimator: str
     length_mm: float
+    """Of a plate, along `x`."""
+    width_mm: float | None
+    """Of a plate, along `y`; null on a beam."""
     channels: list[str]
     """Names of the channels, in input order."""
     positions_mm: list[float]
-    """Positions of the channels, from the left end of the beam."""
+    """Positions of the channels, from the left end of the beam; on a plate along `x`."""
+    across_mm: list[float] | None
+    """Their places along `y` on a plate; null on a beam."""
     min_channels: int
     outputs: list[str]
     ranges: Ranges
@@ -35,8 +40,10 @@ def describe_model(model: ModelFile) -> ModelDescription:
         beam=metadata.beam,
         estimator=metadata.estimator,
         length_mm=metadata.length_mm,
+        width_mm=metadata.width_mm,
         channels=model.channels,
         positions_mm=[channel.position_mm for channel in metadata.layout],
+        across_mm=[one.across_mm for one in metadata.layout if one.across_mm is not None] or None,
         min_channels=metadata.min_channels,
         outputs=list(model.outputs),
         ranges=metadata.ranges,

@@ -24,11 +24,12 @@ def no_samples(surface: str) -> Problem:
 
 def other_beam(surface: str, model: Metadata, sender_beam: str | None) -> Problem:
     """Return the problem of samples of a beam that the model is not of."""
-    places = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in model.layout)
+    each = ((one.name, model.place_of(one).values()) for one in model.layout)
+    places = ", ".join(f"{name} {' by '.join(f'{at_mm:g}' for at_mm in place_mm)}" for name, place_mm in each)
     detail = (
         f"The samples are of beam {sender_beam}, the model is of beam {model.beam}. Give the service the model of "
         f"{sender_beam}, or the daemon the configuration that was built with this model "
-        f"({model.length_mm:g} mm; {places})."
+        f"({model.outline}; {places})."
     )
     return Problem(Kind.OTHER_BEAM, detail, surface, {"sender_beam": sender_beam, "model_beam": model.beam})
 

@@ -57,8 +57,8 @@ class ChannelView(NamedTuple):
     """One channel of the model."""
 
     name: str
-    position_mm: float
-    """Distance from the left end of the beam."""
+    place_mm: Mapping[str, float]
+    """Axis -> its coordinate: on a beam, its distance from the left end."""
     deflection_mm: float | None
     """Positive in the direction of the load; None without a current value."""
     quality: Quality
@@ -190,18 +190,26 @@ class View(NamedTuple):
         return {name: newest.bad.get(name) or sent.get(name, Quality.MISSING) for name in names}
 
     @property
+    def correlation(self) -> float | None:
+        """Correlation of the two coordinates of a contact; None without one, or if the model does not estimate it."""
+        figures = self.decision.figures if self.decision else None
+        return figures.correlation if figures else None
+
+    @property
     def channels(self) -> list[ChannelView]:
         """The channels in the order of the model; empty without one."""
-        newest, qualities = self.newest, self.qualities
+        if self.model is None:
+            return []
+        newest, qualities, metadata = self.newest, self.qualities, self.model.metadata
         # A deflection that is too old for a contact must not be shown as current either.
         shown = newest if self.is_current else None
         deflections_mm = dict(zip(shown.channels, shown.sample.deflection_mm, strict=True)) if shown else {}
         return [
             ChannelView(
                 channel.name,
-                channel.position_mm,
+                metadata.place_of(channel),
                 deflections_mm.get(channel.name),
                 qualities.get(channel.name, Quality.MISSING),
             )
-            for channel in (self.model.metadata.layout if self.model else [])
+            for channel in metadata.layout
         ]

@@ -13,12 +13,14 @@ from beamtouch_common.outline import names_of
 from beamtouch_models import runtime
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import (
+    CORRELATION_OUTPUT,
     EVIDENCE_OUTPUTS,
     FORCE_OUTPUTS,
     POSITION_OUTPUTS,
     Accuracy,
     BeamDrawing,
     Channel,
+    DrawnSupport,
     FilterChoice,
     Floor,
     Golden,
@@ -47,7 +49,7 @@ def _place(axis: str, value: str) -> dict[str, onnx.NodeProto]:
 
 
 def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelProto:
-    """position or x = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), y half of that; intervals +-1.
+    """position or x = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), y half of that; intervals +-1; correlation = sum / 2.
 
     Log odds = 100 * sum (touch: 10), force = 10 * sum.
 
@@ -71,6 +73,7 @@ def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelP
         **_place("position", "raised"),
         **_place("x", "raised"),
         **_place("y", "beside"),
+        "place_correlation": helper.make_node("Div", ["total", "two"], ["place_correlation"]),
         "contact_log_odds": helper.make_node("Mul", ["total", "hundred"], ["contact_log_odds"]),
         "misfit": helper.make_node("Relu", ["excess"], ["misfit"]),
         "force_n": helper.make_node("Identity", ["pushed"], ["force_n"]),
@@ -125,6 +128,13 @@ def _golden(model: onnx.ModelProto, channels: int) -> Golden:
     return Golden(deflection_mm=deflection, whitening_per_mm=[whitening] * 2, answers=answers)
 
 
+_SUPPORTS = [
+    DrawnSupport(at_mm=0, across_mm=0, kind="spring", slides=False),
+    DrawnSupport(at_mm=400, across_mm=0, kind="simple", slides=False),
+    DrawnSupport(at_mm=0, across_mm=290, end_mm=(400, 290), kind="simple", slides=False),
+]
+
+
 @cache
 def _content(
     name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str, beam: str, spoiled: str
@@ -161,7 +171,11 @@ def _content(
         ),
         smallest_force=SmallestForce(position_mm=[200.0], across_mm=[150.0] if is_plate else None, force_n=[0.5]),
         drawn=BeamDrawing(
-            supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]], sensor_mm=8.0
+            supports=_SUPPORTS if is_plate else [],
+            at_mm=[0.0, 400.0],
+            load_mm=[200.0],
+            deflection_mm_per_n=[[0.0, 0.0]],
+            sensor_mm=8.0,
         ),
         influence=Influence(
             mm_per_n=[[0.01 * (1 + (place + 3 * i) % 7) for i in range(channels)] for place in range(places)],
@@ -186,7 +200,10 @@ def _content(
     return content
 
 
-PLATE_OUTPUTS = (*names_of("x", "mm"), *names_of("y", "mm"), *EVIDENCE_OUTPUTS, *FORCE_OUTPUTS)
+PLATE_OUTPUTS = (
+    *(*names_of("x", "mm"), *names_of("y", "mm"), CORRELATION_OUTPUT),
+    *(*EVIDENCE_OUTPUTS, *FORCE_OUTPUTS),
+)
 """Outputs of a model of two axes, on a plate of 400 by 300 mm."""
 
 
