@@ -42,8 +42,8 @@ class Commissioning:
         self.bench.send(*each, sequence=self.sequence, boot_id=boot_id, begin_us=begin_us, every_us=STEP_US)
         self.sequence += len(each)
 
-    def press(self, at_mm: float, force_n: float = 8.0) -> None:
-        moved = force_n * self.curve.at(np.array([[at_mm]]))[0][0]
+    def press(self, at_mm: dict[str, float], force_n: float = 8.0) -> None:
+        moved = force_n * self.curve.at(np.array([list(at_mm.values())]))[0][0]
         row: Row = moved[list(self.order)].tolist()
         if self.is_late:
             self.send(row, RESTING)

@@ -17,9 +17,9 @@ from beamtouch_service.sections import EventsSection
 
 def place(at_mm: float, position_mm: float | None, half_mm: float = 1.0) -> PlaceResult:
     if position_mm is None:
-        return judge_place(PlaceResult(at_mm=at_mm, state=State.UNEXPLAINED))
-    ends = {"position_low_mm": position_mm - half_mm, "position_high_mm": position_mm + half_mm}
-    return judge_place(PlaceResult(at_mm=at_mm, state=State.CONTACT, position_mm=position_mm, **ends))
+        return judge_place(PlaceResult(at_mm={"position": at_mm}, state=State.UNEXPLAINED))
+    stated_mm = {"position": (position_mm, position_mm - half_mm, position_mm + half_mm)}
+    return judge_place(PlaceResult(at_mm={"position": at_mm}, state=State.CONTACT, stated_mm=stated_mm))
 
 
 @pytest.mark.promise(
@@ -71,7 +71,12 @@ def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
     open_transactions: Callable[[], Transactions],
 ) -> None:
     transactions = open_transactions()
-    at_rest = {"beam": "b", "begun_at": "x", "sensors": [SensorResult(name="s1", at_mm=1.5)], "places": []}
+    at_rest = {
+        "beam": "b",
+        "begun_at": "x",
+        "sensors": [SensorResult(name="s1", at_mm={"position": 1.5})],
+        "places": [],
+    }
     reports = [
         Report.model_validate({"surface": name, "model": f"m@{number}", **at_rest})
         for name in ("left", "right")
@@ -86,5 +91,5 @@ def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
     for name in ("left", "right"):
         kept = results.read(Reader(transactions.database), name)
         assert [one.model for one in kept] == [f"m@{number}" for number in range(results.MAX_KEPT + 1, 1, -1)]
-        assert {(one.surface, one.sensors[0].at_mm) for one in kept} == {(name, 1.5)}
+        assert {(one.surface, one.sensors[0].at_mm["position"]) for one in kept} == {(name, 1.5)}
     transactions.close()

@@ -31,7 +31,7 @@ def deflections(load_mm: Floats, sensors_mm: Sequence[float] = AT_MM) -> Floats:
 
     Gere & Timoshenko, Mechanics of Materials, 4th ed., appendix G, case 5.
     """
-    a, x = np.asarray(load_mm, np.float64)[:, None], np.array(sensors_mm)
+    a, x = np.reshape(load_mm, (-1, 1)), np.array(sensors_mm)
     a, x = np.where(x <= a, a, LENGTH_MM - a), np.where(x <= a, x, LENGTH_MM - x)
     b = LENGTH_MM - a
     found: Floats = b * x * (LENGTH_MM**2 - b**2 - x**2) / (6 * RIGIDITY_N_MM2 * LENGTH_MM)
@@ -69,7 +69,7 @@ def pressed(*faults: Fault, sensors_mm: Sequence[float] = AT_MM, steps: int | No
         moved = force_n * deflections(np.array([at_mm + aim_mm]), sensors_mm)[0] * GAINS[: len(sensors_mm)]
         for fault in faults:
             moved = fault(moved)
-        presses.append(Press(at_mm, moved, np.full(len(moved), NOISE_MM)))
+        presses.append(Press(np.array([at_mm]), moved, np.full(len(moved), NOISE_MM)))
     return explain(presses, partial(deflections, sensors_mm=sensors_mm))
 
 
@@ -148,7 +148,7 @@ def test_what_one_press_does_not_tell_apart_is_not_sure() -> None:
 def test_a_press_during_which_something_else_moves_a_sensor_is_explained_by_no_wiring() -> None:
     moved = 10 * deflections(np.array(AT_MM))
     moved[2, 1] += 0.5 * moved[2].max()
-    presses = [Press(at_mm, one, np.full(4, NOISE_MM)) for at_mm, one in zip(AT_MM, moved, strict=True)]
+    presses = [Press(np.array([at_mm]), one, np.full(4, NOISE_MM)) for at_mm, one in zip(AT_MM, moved, strict=True)]
     explanation = explain(presses, deflections)
     assert not explanation.is_explained
     found = judge_sensors(explanation, NAMES, {})
@@ -176,7 +176,7 @@ def test_a_channel_without_values_in_one_press_is_judged_by_the_others(faults: l
             moved = fault(moved)
         if step == 1:
             moved[1] = np.nan
-        presses.append(Press(at_mm, moved, np.full(4, NOISE_MM)))
+        presses.append(Press(np.array([at_mm]), moved, np.full(4, NOISE_MM)))
     explanation = explain(presses, deflections)
     assert (explanation.is_explained, explanation.rivals) == (True, [])
     assert explanation.wiring == pressed(*faults).wiring
@@ -207,7 +207,7 @@ def test_of_channels_that_differ_in_halves_neither_half_passes(
     influence = partial(deflections, sensors_mm=sensors_mm)
     moved = 10 * influence(np.array(sensors_mm)) * gains
     noise_mm = np.full(len(gains), NOISE_MM)
-    presses = [Press(at_mm, one, noise_mm) for at_mm, one in zip(sensors_mm, moved, strict=True)]
+    presses = [Press(np.array([at_mm]), one, noise_mm) for at_mm, one in zip(sensors_mm, moved, strict=True)]
     explanation = explain(presses, influence)
     assert explanation.shares == pytest.approx(shares, rel=0.04)
     assert {one.finding for one in judge_sensors(explanation, NAMES[: len(gains)], {})} == {finding}
@@ -221,7 +221,10 @@ def test_many_sensors_take_little_longer_than_few() -> None:
         moved = 10 * influence(np.array(sensors_mm))
         for fault in (partial(swap, 4, 6), INVERTED, DEAD):
             moved = np.array([fault(one) for one in moved])
-        presses = [Press(at_mm, one, np.full(count, NOISE_MM)) for at_mm, one in zip(sensors_mm, moved, strict=True)]
+        presses = [
+            Press(np.array([at_mm]), one, np.full(count, NOISE_MM))
+            for at_mm, one in zip(sensors_mm, moved, strict=True)
+        ]
         begin_s = process_time()
         explanation = explain(presses, influence)
         took_s[count] = process_time() - begin_s

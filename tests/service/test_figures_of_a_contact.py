@@ -8,6 +8,7 @@ import pytest
 from beamtouch_common.outline import Outline, Span
 from beamtouch_models.runtime import Evidence
 from beamtouch_service.surfaces.contact import (
+    Figures,
     UnusableEstimateError,
     figures_of,
     require_usable,
@@ -24,7 +25,7 @@ def answer(position_mm: float, low_mm: float, high_mm: float, **more: float) -> 
 def test_figures_have_four_decimals() -> None:
     force = {"force_n": 2.00004, "force_low_n": 1.00006, "force_high_n": 3.0, "misfit": 9.0}
     figures = figures_of(answer(100.00005001, 99.0, 101.0, **force), BEAM)
-    assert figures == ({"position": Span(100.0001, 99.0, 101.0)}, Span(2.0, 1.0001, 3.0))
+    assert figures == Figures({"position": Span(100.0001, 99.0, 101.0)}, Span(2.0, 1.0001, 3.0))
     assert figures_of(answer(100.0, 99.0, 101.0), BEAM).force is None
 
 

@@ -12,8 +12,10 @@ import pytest
 
 from beamtouch_common.zones import Zone
 from beamtouch_models.errors import ModelFileError
-from beamtouch_models.runtime import InfluenceCurve, Metadata
+from beamtouch_models.runtime import InfluenceCurve, Metadata, State
 from beamtouch_service.api.stream import state_of
+from beamtouch_service.commissioning.report import PlaceResult
+from beamtouch_service.commissioning.verdict import advise_places, is_right, judge_place
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.outputs.modbus.blocks import Blocks
 from beamtouch_service.outputs.mqtt.discovery import description
@@ -21,7 +23,7 @@ from beamtouch_service.outputs.mqtt.messages import Topics
 from beamtouch_service.outputs.opcua.values import values
 from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
-from service.bench import Bench, Row, parsed, surface_of
+from service.bench import START_US, Bench, Row, parsed, surface_of, surface_with
 from service.contact_registers import number
 from service.event_story import RESTING
 from support.surfaces.small_model import PLATE_OUTPUTS, model_of
@@ -170,15 +172,11 @@ def test_an_unexplained_stretch_on_a_plate_has_empty_places() -> None:
     assert places_of(event) == dict.fromkeys(OF_EVENT)
 
 
-def test_a_zone_of_a_beam_and_a_commissioning_are_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_zone_of_a_beam_is_refused_in_one_line(tmp_path: Path) -> None:
     section = SurfaceSection(zones={"gate": Zone(from_mm=120, to_mm=200)})
     keeper = ModelKeeper(plate(section), tmp_path / "plate.onnx", None)
     conflict = keeper.zone_conflict(model_of(outputs=PLATE_OUTPUTS))
     assert conflict == "gate: a zone of a plate of 400 by 300 mm has x_mm and y_mm"
-    bench = Bench(plate())
-    bench.send(RESTING)
-    refused = bench.post({}, "/surfaces/press-7/commissioning").json()
-    assert refused["detail"] == "Commissioning knows beams only; places of press-7 have axes x, y."
 
 
 def test_a_model_whose_outputs_lack_an_axis_is_refused() -> None:
@@ -206,3 +204,71 @@ def test_the_influence_of_a_plate_is_a_table_of_both_axes() -> None:
     assert [(ticks[0], ticks[-1], len(ticks)) for ticks in curve.ticks] == [(1, 399, 5), (1, 299, 5)]
     found, _ = curve.at(np.array([[1.0, 299.0], [399.0, 1.0]]))
     assert found == pytest.approx(np.array(metadata.influence.mm_per_n)[[4, 20]])
+
+
+class Plate:
+    """A plate of the small model that is pressed above its sensors and at the marks."""
+
+    def __init__(self, order: tuple[int, ...] = (0, 1, 2, 3)) -> None:
+        model = model_of(outputs=PLATE_OUTPUTS, channels=4)
+        self.bench, self.order, self._sent = Bench(surface_with(model)), list(order), 0
+        self._curve = InfluenceCurve.of(model.metadata)
+
+    def send(self, force_n: float, place_mm: dict[str, float] | None = None) -> None:
+        """Send a second of samples under a load, or at rest."""
+        place = np.array([[*(place_mm or {"x": 1.0, "y": 1.0}).values()]])
+        row: Row = (force_n * self._curve.at(place)[0][0])[self.order].tolist()
+        begin_us = START_US + 10_000 * self._sent
+        self.bench.send(*[row] * 105, sequence=self._sent + 1, begin_us=begin_us, every_us=10_000)
+        self._sent += 105
+
+    def commission(self) -> dict[str, Any]:
+        """Press as asked; return the result on record."""
+        path = "/surfaces/press-7/commissioning"
+        self.send(0)
+        run = self.bench.post(b"", path).json()["run"]
+        assert run["steps"] == 4 + 4
+        self.send(0)
+        for step in range(run["steps"]):
+            now = self.bench.get(path).json()["run"]
+            assert (now["step"], now["stage"]) == (step, "press")
+            self.send(8, now["at_mm"])
+            self.send(0)
+        recorded: dict[str, Any] = self.bench.post(b"", f"{path}/confirm?run={run['id']}&by=Ann").json()
+        return recorded
+
+
+@pytest.mark.promise(
+    "docs/how-to/commission-on-the-page.md",
+    "On a plate, the places have `x` and `y`, and there are four marks, one in each quarter.",
+)
+def test_a_plate_is_commissioned_by_places_of_two_axes() -> None:
+    report = Plate().commission()
+    assert [(one["name"], one["finding"]) for one in report["sensors"]] == [(f"s{n}", "right") for n in range(1, 5)]
+    assert [one["at_mm"] for one in report["sensors"]][:2] == [{"x": 100, "y": 50}, {"x": 200, "y": 150}]
+    assert [one["at_mm"] for one in report["places"]] == [
+        {"x": x, "y": y} for x in (100.0, 300.0) for y in (76.0, 224.0)
+    ]
+    assert all(one["stated_mm"] is None or list(one["stated_mm"]) == ["x", "y"] for one in report["places"])
+
+
+def test_swapped_cables_of_a_plate_are_named() -> None:
+    report = Plate((0, 2, 1, 3)).commission()
+    assert [one["finding"] for one in report["sensors"]] == ["right", "swapped", "swapped", "right"]
+    assert report["verdict"][0] == "The cables of s2 and s3 are swapped. Swap them back."
+
+
+def test_a_mark_of_a_plate_is_judged_along_each_axis() -> None:
+    def place(x_mm: float, y_mm: float) -> PlaceResult:
+        spans = {"x": (x_mm, x_mm - 1, x_mm + 1), "y": (y_mm, y_mm - 2, y_mm + 2)}
+        return judge_place(PlaceResult(at_mm={"x": 100, "y": 75}, state=State.CONTACT, stated_mm=spans))
+
+    right, beside = place(104, 70), place(100, 95)
+    assert (is_right(right), is_right(beside)) == (True, False)
+    assert right.says == "x +4.0 mm, within 6.0 mm; y -5.0 mm, within 7.0 mm"
+    assert beside.says == "x +0.0 mm, within 6.0 mm; y +20.0 mm, more than 7.0 mm"
+    assert advise_places([beside, place(99, 97)], is_wired=True) == [
+        "The largest error of a position is 22.0 mm.",
+        "All figures of y are about 21 mm too large: the marks may count from another point.",
+    ]
+    assert advise_places([beside, place(130, 97)], is_wired=True)[1].startswith("This is more than aim explains.")

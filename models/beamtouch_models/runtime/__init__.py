@@ -20,12 +20,21 @@ from beamtouch_models.runtime.decision.wrong_channels import Suspects, Wirings
 from beamtouch_models.runtime.health.health import BestSample, ChannelChange, Health
 from beamtouch_models.runtime.loading import ModelFile, load, load_bytes, read
 from beamtouch_models.runtime.metadata import CORRELATION_OUTPUT as CORRELATION
-from beamtouch_models.runtime.metadata import Accuracy, BeamDrawing, Calibration, Metadata, Noise, Ranges, Thresholds
+from beamtouch_models.runtime.metadata import (
+    Accuracy,
+    BeamDrawing,
+    Calibration,
+    Channel,
+    Metadata,
+    Noise,
+    Ranges,
+    Thresholds,
+)
 from beamtouch_models.runtime.session import Answers
 
 __all__ = [
     "CORRELATION", "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BeamDrawing", "BestSample", "Calibration",
-    "ChannelChange", "Evidence", "Health", "Hypotheses", "InfluenceCurve", "Judgement", "Memory", "Metadata",
+    "Channel", "ChannelChange", "Evidence", "Health", "Hypotheses", "InfluenceCurve", "Judgement", "Memory", "Metadata",
     "ModelFile", "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Thresholds", "Weighed", "Wirings",
     "evidence", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
 ]  # fmt: skip

@@ -13,7 +13,7 @@ from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPa
 from beamtouch_service.api.record_answers import SLOT
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.pressing import Stage
-from beamtouch_service.commissioning.report import Recorded, Report, as_text
+from beamtouch_service.commissioning.report import PlaceMm, Recorded, Report, as_text
 from beamtouch_service.commissioning.run import CommissioningRun
 from beamtouch_service.commissioning.runs import hides_presses
 from beamtouch_service.problems import Kind, Problem, ProblemError
@@ -53,8 +53,8 @@ class RunState(BaseModel):
     """The step's awaited action; null once every step is done."""
     held: float
     """Fraction of the hold time that has elapsed, 0 to 1."""
-    at_mm: float | None
-    """The place to press now."""
+    at_mm: PlaceMm | None
+    """The place to press now, by axis."""
     prompt: str
     """Instruction for the current step."""
     report: Report

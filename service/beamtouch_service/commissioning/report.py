@@ -32,12 +32,16 @@ class _Part(BaseModel):
     model_config = ConfigDict(use_attribute_docstrings=True)
 
 
+PlaceMm = dict[str, float]
+"""Axis -> a figure along it [mm]."""
+
+
 class SensorResult(_Part):
     """A sensor, and the press above it."""
 
     name: str
-    at_mm: float
-    """The place to press: the sensor's own, or the nearest one at which the model knows contacts."""
+    at_mm: PlaceMm
+    """The place to press, by axis: the sensor's own, or the nearest one at which the model knows contacts."""
     finding: Finding | None = None
     """Null until it has been pressed."""
     says: str = ""
@@ -57,18 +61,17 @@ class SensorResult(_Part):
 class PlaceResult(_Part):
     """A marked place, and what the surface said of the press there."""
 
-    at_mm: float
-    """The place to press."""
+    at_mm: PlaceMm
+    """The place to press, by axis."""
     state: State | None = None
     """State of the surface during the press; null without one."""
-    position_mm: float | None = None
-    position_low_mm: float | None = None
-    position_high_mm: float | None = None
+    stated_mm: dict[str, tuple[float, float, float]] | None = None
+    """Axis -> the stated coordinate and the ends of its interval; null without a contact."""
     force_n: float | None = None
-    error_mm: float | None = None
-    """Stated position less that of the mark."""
-    allowed_mm: float | None = None
-    """Largest error that passes: how exactly a person presses, and the half-width of the interval."""
+    error_mm: PlaceMm | None = None
+    """Axis -> stated coordinate less that of the mark."""
+    allowed_mm: PlaceMm | None = None
+    """Axis -> largest error that passes: how exactly a person presses, and the half-width of the interval."""
     says: str = ""
     """The result in words; empty until it has been pressed."""
 
@@ -114,11 +117,11 @@ def as_text(report: Report) -> str:
     }
     names = [sensor.name for sensor in report.sensors]
     moved = [
-        [sensor.name, _figure(sensor.at_mm, 1), *(_moved(sensor, name) for name in names), _share(sensor), sensor.says]
+        [sensor.name, _place(sensor.at_mm), *(_moved(sensor, name) for name in names), _share(sensor), sensor.says]
         for sensor in report.sensors
     ]
     places = [
-        [_figure(one.at_mm, 1), _figure(one.position_mm, 1), _interval(one), _figure(one.error_mm, 1), one.says]
+        [_place(one.at_mm), _place(_middles(one)), _interval(one), _place(one.error_mm), one.says]
         for one in report.places
     ]
     return "\n".join(
@@ -151,7 +154,14 @@ def _share(sensor: SensorResult) -> str:
     return "-" if sensor.share is None else f"{100 * sensor.share:.0f} %"
 
 
+def _place(place_mm: PlaceMm | None) -> str:
+    return ", ".join(_figure(at_mm, 1) for at_mm in place_mm.values()) if place_mm else "-"
+
+
+def _middles(place: PlaceResult) -> PlaceMm:
+    return {axis: middle_mm for axis, (middle_mm, _, _) in (place.stated_mm or {}).items()}
+
+
 def _interval(place: PlaceResult) -> str:
-    if place.position_low_mm is None or place.position_high_mm is None:
-        return "-"
-    return f"{place.position_low_mm:.1f} ... {place.position_high_mm:.1f}"
+    spans = (place.stated_mm or {}).values()
+    return ", ".join(f"{low_mm:.1f} ... {high_mm:.1f}" for _, low_mm, high_mm in spans) or "-"

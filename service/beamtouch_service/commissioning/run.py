@@ -1,15 +1,16 @@
 """One commissioning of a surface: its steps, and what the samples so far say. No web, no files, no wall clock."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise, product
 from math import isnan
 from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_common.outline import BEAM_AXIS
-from beamtouch_models.runtime import InfluenceCurve, Metadata, ModelFile, State
+from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS
+from beamtouch_models.runtime import Channel, InfluenceCurve, Metadata, ModelFile, State
 from beamtouch_service.commissioning.pressing import HOLD_US, Floats, Movement, PressFinder, Stage
-from beamtouch_service.commissioning.report import Finding, PlaceResult, Report, SensorResult
+from beamtouch_service.commissioning.report import Finding, PlaceMm, PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import (
     UNSEEN,
     SensorFinding,
@@ -24,11 +25,10 @@ from beamtouch_service.commissioning.wiring import Explanation, Press, explain
 from beamtouch_service.samples import Quality, Sample
 from beamtouch_service.surfaces.contact import Figures, rfc3339
 
-PLACES = 3
-"""Number of marked places, spread over the range of contacts."""
+PARTS = {1: (3,), 2: (2, 2)}
+"""Number of axes -> parts of the range of contacts along each: each part has a marked place."""
 _WELL_SEEN = 0.25
 """A mark is where a force of at most this part of the largest one is seen: a support holds the beam."""
-_STATED = ("position_mm", "position_low_mm", "position_high_mm")
 _MM_DIGITS, _SHARE_DIGITS, _FORCE_DIGITS = 5, 3, 2
 
 
@@ -48,15 +48,12 @@ class CommissioningRun:
         """Begin at `now_us` [us since 1970, by the clock of the service]; samples may be `stale_ms` apart."""
         self.id, self.model = run_id, model
         metadata = model.metadata
-        low_mm, high_mm = metadata.ranges.position_mm
         self.report = Report(
             surface=surface,
             model=model.identity,
             beam=metadata.beam,
             begun_at=rfc3339(now_us),
-            sensors=[
-                SensorResult(name=one.name, at_mm=min(max(one.position_mm, low_mm), high_mm)) for one in metadata.layout
-            ],
+            sensors=[SensorResult(name=one.name, at_mm=_within(metadata, one)) for one in metadata.layout],
             places=[PlaceResult(at_mm=at_mm) for at_mm in marks(metadata)],
         )
         self.step = 0
@@ -96,8 +93,8 @@ class CommissioningRun:
         return self._finder.held
 
     @property
-    def at_mm(self) -> float | None:
-        """The place to press now; None once every step is done."""
+    def at_mm(self) -> PlaceMm | None:
+        """The place to press now, by axis; None once every step is done."""
         report = self.report
         places = [sensor.at_mm for sensor in report.sensors] + [place.at_mm for place in report.places]
         return None if self.is_done else places[self.step]
@@ -115,7 +112,7 @@ class CommissioningRun:
             return "Hold."
         sensors = self.report.sensors
         where = f"above {sensors[self.step].name}" if self.step < len(sensors) else "at the mark"
-        return f"Press {where}, {self.at_mm:.0f} mm from the left end, firmly, for a second or two."
+        return f"Press {where}, {_in_words(self.at_mm or {})}, firmly, for a second or two."
 
     def take(self, boot_id: str, channels: Sequence[str], sample: Sample, seen: PressDecision) -> Iterator[None]:
         """Take the next sample of the surface in steps, its values in the order of `channels`."""
@@ -152,7 +149,7 @@ class CommissioningRun:
 
     def _take_sensor(self, moved: Movement, bad: Mapping[str, Quality]) -> Iterator[None]:
         step, sensor = self.step, self.report.sensors[self.step]
-        presses = self._presses | {step: Press(sensor.at_mm, *moved)}
+        presses = self._presses | {step: Press(np.array(list(sensor.at_mm.values())), *moved)}
         explanation = yield from explain(list(presses.values()), self._influence)
         if self.step != step:  # it was skipped meanwhile
             return
@@ -177,14 +174,14 @@ class CommissioningRun:
         self._advance()
 
     def _influence(self, places_mm: Floats) -> Floats:
-        positions_mm = np.clip(places_mm, *self.model.metadata.ranges.position_mm)
-        influence, _ = self._curve.at(positions_mm[:, None])
+        extent = self.model.metadata.extent
+        influence, _ = self._curve.at(np.clip(places_mm, extent.low_mm, extent.high_mm))
         return influence
 
     def _take_place(self, seen: PressDecision) -> None:
         index = self.step - len(self.report.sensors)
-        position, force = (seen.figures.place[BEAM_AXIS], seen.figures.force) if seen.figures else (None, None)
-        stated = dict(zip(_STATED, position or (None, None, None), strict=True)) | {"force_n": force and force.middle}
+        stated_mm, force = (seen.figures.place, seen.figures.force) if seen.figures else (None, None)
+        stated = {"stated_mm": stated_mm and dict(stated_mm), "force_n": force and force.middle}
         place = self.report.places[index].model_copy(update={"state": seen.state, **stated})
         self.report.places[index] = judge_place(place, seen.reason)
 
@@ -208,17 +205,35 @@ class CommissioningRun:
             self.report.verdict.insert(0, "Every sensor moves as it should, and the surface finds each mark.")
 
 
-def marks(metadata: Metadata) -> list[float]:
+def _within(metadata: Metadata, sensor: Channel) -> PlaceMm:
+    """Return the place nearest to a sensor at which the model knows contacts."""
+    at_mm, ranges_mm = metadata.place_of(sensor), metadata.extent.ranges_mm
+    return {axis: min(max(at_mm[axis], low), high) for axis, (low, high) in zip(at_mm, ranges_mm, strict=True)}
+
+
+def _in_words(place_mm: PlaceMm) -> str:
+    if tuple(place_mm) == BEAM_AXES:
+        return f"{place_mm[BEAM_AXIS]:.0f} mm from the left end"
+    return f"at {' and '.join(f'{axis} {at_mm:.0f}' for axis, at_mm in place_mm.items())} mm"
+
+
+def marks(metadata: Metadata) -> list[PlaceMm]:
     """Return the marked places: in each part of the range near its middle, where a press is well seen [mm]."""
-    low_mm, high_mm = metadata.ranges.position_mm
-    strong_n = metadata.ranges.force_n[1]
-    table = list(zip(metadata.smallest_force.position_mm, metadata.smallest_force.force_n, strict=True))
+    strong_n, smallest = metadata.ranges.force_n[1], metadata.smallest_force
+    columns = [smallest.position_mm, *([] if smallest.across_mm is None else [smallest.across_mm])]
+    place_mm = np.array(columns).T
+    force_n = np.array(smallest.force_n, np.float64)  # NaN for None
+    ranges_mm = metadata.extent.ranges_mm
+    ticks = [np.linspace(*ends, parts + 1) for ends, parts in zip(ranges_mm, PARTS[len(ranges_mm)], strict=True)]
     found = []
-    for part in range(PLACES):
-        begin_mm, end_mm = (low_mm + (high_mm - low_mm) * (part + one) / PLACES for one in (0, 1))
+    for part in product(*(pairwise(one.tolist()) for one in ticks)):
+        begin_mm, end_mm = np.array(part).T
         middle_mm = (begin_mm + end_mm) / 2
-        seen = {at_mm: force_n for at_mm, force_n in table if force_n is not None and begin_mm < at_mm < end_mm}
-        well = [at_mm for at_mm, force_n in seen.items() if force_n <= _WELL_SEEN * strong_n]
-        _, nearest_mm = min((abs(at_mm - middle_mm), at_mm) for at_mm in well or list(seen) or [middle_mm])
-        found.append(float(round(nearest_mm)))
+        is_seen = np.isfinite(force_n) & ((place_mm > begin_mm) & (place_mm < end_mm)).all(axis=1)
+        is_well_seen = is_seen & (force_n <= _WELL_SEEN * strong_n)
+        near_mm = place_mm[is_well_seen if is_well_seen.any() else is_seen]
+        if not len(near_mm):
+            near_mm = middle_mm[None]
+        nearest_mm = near_mm[np.hypot.reduce(np.abs(near_mm - middle_mm), axis=1).argmin()]
+        found.append(dict(zip(metadata.axes, nearest_mm.round().tolist(), strict=True)))
     return found

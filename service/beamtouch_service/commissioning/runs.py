@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from secrets import token_hex
 
-from beamtouch_common.outline import BEAM_AXES
 from beamtouch_service.commissioning.run import CommissioningRun, PressDecision
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch
@@ -55,9 +54,6 @@ class CommissioningRuns:
             raise ProblemError(problem)
         if surface.model is None:
             raise ProblemError(no_model(surface.name, surface.model_error))
-        if surface.axes != BEAM_AXES:
-            detail = f"Commissioning knows beams only; places of {surface.name} have axes {', '.join(surface.axes)}."
-            raise ProblemError(_other(surface.name, detail))
         self._ended.pop(surface.name, None)
         run = CommissioningRun(token_hex(8), surface.name, surface.model, surface.stale_ms, now_us)
         self._runs[surface.name] = run

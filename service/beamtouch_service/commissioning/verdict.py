@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import NamedTuple
 
+from beamtouch_common.outline import BEAM_AXIS
 from beamtouch_service.commissioning.report import Finding, PlaceResult
 from beamtouch_service.commissioning.wiring import Explanation, Wiring
 from beamtouch_service.samples import Quality
@@ -145,41 +146,65 @@ def judge_place(place: PlaceResult, reason: str = "") -> PlaceResult:
     """Return a place with its error, and the result in words; `reason`: why the surface had no state."""
     if place.state is None:
         return place.model_copy(update={"says": reason})
-    if place.position_mm is None:
+    if place.stated_mm is None:
         return place.model_copy(update={"says": f"no position: {place.state.value}"})
-    error_mm = place.position_mm - place.at_mm
-    allowed_mm = PRESS_MM
-    if place.position_low_mm is not None and place.position_high_mm is not None:
-        allowed_mm += (place.position_high_mm - place.position_low_mm) / 2
-    word = "within" if abs(error_mm) <= allowed_mm else "more than"
-    says = f"{error_mm:+.1f} mm, {word} {allowed_mm:.1f} mm"
-    figures = {"error_mm": round(error_mm, _DIGITS), "allowed_mm": round(allowed_mm, _DIGITS)}
-    return place.model_copy(update={**figures, "says": says})
+    error_mm, allowed_mm, says = dict[str, float](), dict[str, float](), list[str]()
+    for axis, (stated_mm, low_mm, high_mm) in place.stated_mm.items():
+        error_mm[axis] = round(stated_mm - place.at_mm[axis], _DIGITS)
+        allowed_mm[axis] = round(PRESS_MM + (high_mm - low_mm) / 2, _DIGITS)
+        word = "within" if abs(error_mm[axis]) <= allowed_mm[axis] else "more than"
+        says.append(f"{_named(axis)}{error_mm[axis]:+.1f} mm, {word} {allowed_mm[axis]:.1f} mm")
+    return place.model_copy(update={"error_mm": error_mm, "allowed_mm": allowed_mm, "says": "; ".join(says)})
 
 
 def is_right(place: PlaceResult) -> bool:
-    """Return whether the position that was stated is that of the mark."""
-    return place.error_mm is not None and place.allowed_mm is not None and abs(place.error_mm) <= place.allowed_mm
+    """Return whether the place that was stated is that of the mark, along each axis."""
+    return place.error_mm is not None and all(_is_right(place, axis) for axis in place.error_mm)
+
+
+def _is_right(place: PlaceResult, axis: str) -> bool:
+    errors_mm, allowed_mm = place.error_mm or {}, place.allowed_mm or {}
+    return abs(errors_mm[axis]) <= allowed_mm[axis]
+
+
+def _named(axis: str) -> str:
+    """Return the name of an axis in front of a figure; a beam has only one."""
+    return "" if axis == BEAM_AXIS else f"{axis} "
 
 
 def advise_places(places: Sequence[PlaceResult], *, is_wired: bool) -> list[str]:
     """Return sentences on the marked places; `is_wired`: whether every sensor moves as it should."""
-    sentences = [f"At {place.at_mm:g} mm: {place.says}." for place in places if place.error_mm is None]
+    sentences = [
+        f"At {', '.join(f'{at_mm:g}' for at_mm in place.at_mm.values())} mm: {place.says}."
+        for place in places
+        if place.error_mm is None
+    ]
     stated = [place for place in places if place.error_mm is not None]
-    errors_mm = [error_mm for place in places if (error_mm := place.error_mm) is not None]
+    errors_mm = dict[str, list[float]]()
+    for place in stated:
+        for axis, error_mm in (place.error_mm or {}).items():
+            errors_mm.setdefault(axis, []).append(error_mm)
     if errors_mm:
-        sentences.append(f"The largest error of a position is {max(map(abs, errors_mm)):.1f} mm.")
+        largest_mm = max(abs(error_mm) for errors in errors_mm.values() for error_mm in errors)
+        sentences.append(f"The largest error of a position is {largest_mm:.1f} mm.")
     if not is_wired:
         return [*sentences, "Positions mean little until every sensor moves as it should. Put that right, and repeat."]
     if all(map(is_right, stated)):
         return sentences
+    wrong = [axis for axis in errors_mm if not all(_is_right(place, axis) for place in stated)]
+    advice = [_advise_shift(axis, errors_mm[axis]) for axis in wrong]
+    if not all(advice):
+        advice = ["This is more than aim explains. Repeat the commissioning; if it stays so, calibrate the model."]
+    return [*sentences, *advice]
+
+
+def _advise_shift(axis: str, errors_mm: Sequence[float]) -> str:
+    """Return a sentence on errors along an axis that are alike at all marks; empty if they are not."""
     mean_mm = sum(errors_mm) / len(errors_mm)
-    if len(errors_mm) > 1 and max(errors_mm) - min(errors_mm) <= ALIKE * abs(mean_mm):
-        way = "large" if mean_mm > 0 else "small"
-        advice = f"All positions are about {abs(mean_mm):.0f} mm too {way}: the marks may count from another point."
-    else:
-        advice = "This is more than aim explains. Repeat the commissioning; if it stays so, calibrate the model."
-    return [*sentences, advice]
+    if len(errors_mm) < 2 or max(errors_mm) - min(errors_mm) > ALIKE * abs(mean_mm):
+        return ""
+    what, way = "positions" if axis == BEAM_AXIS else f"figures of {axis}", "large" if mean_mm > 0 else "small"
+    return f"All {what} are about {abs(mean_mm):.0f} mm too {way}: the marks may count from another point."
 
 
 def _listed(names: Sequence[str]) -> str:

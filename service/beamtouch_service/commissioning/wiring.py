@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from beamtouch_service.commissioning.pressing import Floats
 
 Influence = Callable[[Floats], Floats]
-"""Positions (places,) in mm -> deflection at each sensor (places, sensors) in mm/N."""
+"""Places (places, axes) in mm -> deflection at each sensor (places, sensors) in mm/N."""
 
 FAULT = 2 * math.log(100.0)
 """Price of a fault in a wiring, as a sum of squares: one cable or sensor in a hundred is taken to be wrong. The same
@@ -26,8 +26,10 @@ TOLERANCE = 0.03
 surface that is not calibrated yet."""
 PLACE_SD_MM = 4.0
 """Standard deviation of the place at which a person presses when asked to press above a sensor."""
-REACH = np.linspace(-2.0, 2.0, 17)
-"""Places of a press that are tried, in these deviations from the place that was asked for."""
+REACH = 2.0
+"""Places of a press are tried up to so many deviations from the place that was asked for, along each axis."""
+TRIED = (17, 9)
+"""Number of coordinates that are tried along the axis of a beam, and along each axis of a plate."""
 EXPLAINED = 4.0
 """A press is explained if the mean square of its errors over its channels is at most this: two deviations."""
 SEEN = 3.0
@@ -40,10 +42,10 @@ _TINY = float(np.finfo(np.float64).tiny)
 
 
 class Press(NamedTuple):
-    """A press at a place of the beam."""
+    """A press at a place of the structure."""
 
-    at_mm: float
-    """The channel's place in the layout."""
+    at_mm: Floats
+    """The channel's place in the layout (axes,)."""
     moved_mm: Floats
     """Movement of each channel (channels,) from rest, positive in the direction of the load; NaN for one that had
     mostly no values: nothing is known of it then."""
@@ -128,10 +130,11 @@ class _Fit:
         tolerance_mm = TOLERANCE * np.nanmax(np.abs(press.moved_mm))
         self.deviation_mm = np.sqrt(press.noise_mm**2 + tolerance_mm**2)
         """Standard deviation of the movement of each channel (channels,)."""
-        self._per_newton = influence(press.at_mm + PLACE_SD_MM * REACH)
+        reach = _reach(len(press.at_mm))
+        self._per_newton = influence(press.at_mm + PLACE_SD_MM * reach)
         weight = np.isfinite(press.moved_mm) / self.deviation_mm
         moved = np.nan_to_num(press.moved_mm) * weight
-        self._square = moved @ moved + REACH**2
+        self._square = moved @ moved + (reach**2).sum(axis=1)
         """The squares that a press leaves without any force, plus the improbability of its place (places,)."""
         expected = self._per_newton[:, None] * weight[:, None]
         self._along, self._own = expected * moved[:, None], expected**2
@@ -159,6 +162,12 @@ class _Fit:
         """Return what is left with the best force of each place, from m.g and g.g (places, ...); a force presses."""
         left: Floats = (self._square - (np.maximum(along, 0.0) ** 2 / np.maximum(own, _TINY)).T).T
         return left
+
+
+def _reach(axes: int) -> Floats:
+    """Return the places of a press that are tried (places, axes), in deviations from the place that was asked for."""
+    ticks = np.linspace(-REACH, REACH, TRIED[axes - 1])
+    return np.stack(np.meshgrid(*[ticks] * axes, indexing="ij"), axis=-1).reshape(-1, axes)
 
 
 def _sums_with_one_more(table: Floats, wiring: Wiring, signs: NDArray[np.int_], away: tuple[int, int]) -> Floats:

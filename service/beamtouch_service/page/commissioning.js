@@ -4,6 +4,7 @@
 
 import { below, own, PLAIN } from "./answer.js";
 import { byId, html, setText, sign, svg } from "./dom.js";
+import { inWords } from "./places.js";
 import { possible, refuses } from "./token.js";
 
 const EVERY_MS = 300;
@@ -12,7 +13,7 @@ const GONE = "The service was restarted, or somebody ended this commissioning. B
 const LOST = "The service does not answer. Trying again.";
 const MEMORY = "This service keeps its record in memory only: download the result before it stops.";
 const INTRODUCTION =
-  "Press above each sensor, then at three marks, while the page watches every channel. It takes some three minutes. " +
+  "Press above each sensor, then at marks, while the page watches every channel. It takes some three minutes. " +
   "Tare the sensors first, and take everything off the beam.";
 const KINDS = { right: "good", dead: "bad", inverted: "bad", swapped: "bad", gain: "bad", unsure: "unsure", unseen: "unsure" };
 const SIGNS = { good: "good", bad: "bad", unsure: "unknown" };
@@ -37,11 +38,12 @@ export class Commissioning {
     for (const format of ["text", "json"]) part(format).addEventListener("click", () => this.download(format));
   }
 
-  /** Return a dashed arrow over the beam where to press now, if anywhere. */
+  /** Return where to press now, if anywhere: a dashed arrow over the beam, or a dashed ring on the plate. */
   aim(scale) {
     const at = this.isOpen ? (this.run?.at_mm ?? null) : null;
     if (at === null) return [];
-    const x = scale.x(at);
+    if (scale.isPlate) return [svg("circle", { class: "target", cx: scale.x(at.x), cy: scale.y(at.y), r: 14 })];
+    const x = scale.x(at.position);
     const y = scale.y(0) - 5;
     return [
       svg("path", { class: "target", d: `M${x} 4V${y - 11}` }),
@@ -247,13 +249,15 @@ function drawSteps(run) {
 }
 
 function ofSensor({ name, at_mm: at, finding, says }) {
-  return { title: `${name}, ${at.toFixed(0)} mm`, says, kind: KINDS[finding] };
+  return { title: `${name}, ${inWords(Object.values(at), 0)} mm`, says, kind: KINDS[finding] };
 }
 
-function ofPlace({ at_mm: at, says, position_mm: position, error_mm: error, allowed_mm: allowed }) {
-  const isRight = error !== null && Math.abs(error) <= allowed;
-  const words = position === null ? says : `${position.toFixed(1)} mm, ${says}`;
-  return { title: `mark at ${at.toFixed(0)} mm`, says: words, kind: says ? (isRight ? "good" : "bad") : undefined };
+function ofPlace({ at_mm: at, says, stated_mm: stated, error_mm: error, allowed_mm: allowed }) {
+  const isRight = error !== null && Object.entries(error).every(([axis, mm]) => Math.abs(mm) <= allowed[axis]);
+  const middles = Object.values(stated ?? {}).map(([middle]) => middle);
+  const words = middles.length ? `${inWords(middles, 1)} mm, ${says}` : says;
+  const title = `mark at ${inWords(Object.values(at), 0)} mm`;
+  return { title, says: words, kind: says ? (isRight ? "good" : "bad") : undefined };
 }
 
 function drawVerdict(sentences) {

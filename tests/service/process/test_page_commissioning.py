@@ -64,7 +64,7 @@ def test_the_page_finds_swapped_cables_an_inverted_sensor_and_a_dead_one(
     seen.page.evaluate("document.getElementById('commissioning').scrollIntoView()")
     seen.picture("commissioning-phone")
     for _ in range(3):
-        at_mm = bench.service.get("/surfaces/press-7/commissioning").json()["run"]["at_mm"]
+        at_mm = bench.service.get("/surfaces/press-7/commissioning").json()["run"]["at_mm"]["position"]
         press(seen, bench, f"Press at the mark, {at_mm:.0f} mm", at_mm)
     seen.wait_for_text("commissioning-prompt", "Every step is done")
     verdict = seen.text("commissioning-verdict")
