@@ -203,7 +203,7 @@ STATED = {
         f"by about {WORDS[100 * recordings.STATED.force]} percent (standard deviations)",
     ],
     "docs/how-to/commission-on-the-page.md": [
-        f"Press at the {WORDS[run.PLACES]} marks",
+        f"Press at the {WORDS[run.PARTS[1][0]]} marks",
         f"elsewhere for {WORDS[pressing.SETTLED_US // 1_000_000]} seconds",
         f"an error passes up to {verdict.PRESS_MM:g} mm",
         f"keeps the last {MAX_KEPT} results",

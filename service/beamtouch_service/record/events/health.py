@@ -70,8 +70,6 @@ class HealthHistory:
 
     def add(self, samples: list[Best]) -> None:
         """Add best samples. Another characteristic begins a new baseline; a late sample from before it is left out."""
-        if len(self.model.metadata.axes) > 1:
-            return  # gains are judged by the influence along one axis
         added: list[BestSample] = []
         for best in samples:
             if best.channels != self.model.channels:
