@@ -84,10 +84,11 @@ def _add_record(command: argparse.ArgumentParser) -> None:
     command.add_argument("--append", action="store_true", help="add to an existing file")
     command.add_argument(
         "--at",
-        nargs=2,
+        nargs="+",
         action="append",
         metavar=("MM", "N"),
-        help="position and force of a load; repeat it for each load (default: ask for each load)",
+        help="position and force of a load, on a plate x, y and force; repeat it for each load (default: ask for each "
+        "load)",
     )
     command.add_argument(
         "--accept",

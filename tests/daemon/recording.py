@@ -16,6 +16,7 @@ from .process import Outcome, started
 
 DOWN, REST, UP = 21_000, 20_000, 19_000
 """Counts of the second channel under a load, without one, and lifted."""
+PLATE_LIMITS = "\n[surfaces.bench.loads]\nx_mm = [0.0, 400.0]\ny_mm = [0.0, 300.0]\nmax_force_n = 20.0\n"
 LIMITS = "\n[surfaces.bench.loads]\nposition_mm = [0.0, 400.0]\nmax_force_n = 20.0\n"
 Turn = str | tuple[int, str]
 """An answer, with the counts of the second channel from then on if they change."""
@@ -55,6 +56,7 @@ async def talk(
     action: SimAction | None = None,
     code: str = "",
     surface: Callable[[int], str] = lambda port: configs.surface(source=configs.tcp(port)),
+    limits: str = LIMITS,
 ) -> Outcome:
     """Answer the questions of `record`, which writes loads.csv; the second channel is down until a turn changes it.
 
@@ -66,7 +68,7 @@ async def talk(
         now[1] = second
 
     async with pymodbus_server([20_000, DOWN, 0, 0], action or loaded) as port:
-        config = configs.write(folder, surface(port) + LIMITS)
+        config = configs.write(folder, surface(port) + limits)
         words = ("-o", folder / "loads.csv", "--seconds", 0.2, *options)
         async with asyncio.timeout(120), started("record", config, *map(str, words), code=code) as daemon:
             said = ""

@@ -13,7 +13,7 @@ from support.surfaces import configs
 
 from .conftest import Refused
 from .devices import pymodbus_server
-from .recording import DOWN, LIMITS, REST, UP, noisy, rows_of, stated, talk
+from .recording import DOWN, LIMITS, PLATE_LIMITS, REST, UP, noisy, rows_of, stated, talk
 
 pytestmark = pytest.mark.anyio
 
@@ -55,6 +55,31 @@ async def test_loads_that_are_typed_are_recorded_and_wrong_answers_asked_again(t
         assert (row["s1_counts"], row["s2_counts"], row["s1_quality"]) == ("20000", "21000", "good")
         assert float(row["s1_deflection_mm"]) == pytest.approx(0, abs=1e-9)
         assert row["s2_deflection_mm"] == "0.100000"  # to the nanometre, never as a power of ten
+
+
+@pytest.mark.promise(
+    "docs/how-to/calibrate.md",
+    "On a plate, a load has three numbers, `x`, `y` and force, and the file has the columns `x_mm` and `y_mm`.",
+)
+async def test_loads_on_a_plate_have_two_coordinates(tmp_path: Path) -> None:
+    path = tmp_path / "loads.csv"
+    typed = ["150 10", "-1 80 10", "150 301 10", "150 80 10", "250,5 20 500 accept", ""]
+    done = await talk(tmp_path, typed, limits=PLATE_LIMITS)
+    assert done.code == 0
+    for said in (
+        "load 1: put it on, then enter x and y in mm and force in N",
+        "give three numbers: x and y in mm from the corner, and the force in N, as in 150 80 10",
+        "x = -1 mm is not on the plate; count from its lower left corner",
+        "y = 301 mm is not within 0 to 300 mm, the range that the model covers",
+        "load 2: 500 N at 250.5, 20 mm",
+    ):
+        assert said in done.err
+    found = {(row["load"], row["x_mm"], row["y_mm"], row["force_n"]) for row in rows_of(path)}
+    assert found == {("1", "150.0", "80.0", "10.0"), ("2", "250.5", "20.0", "500.0")}
+    given = await talk(tmp_path, [""], "--append", "--at", 60, 70, 5, limits=PLATE_LIMITS)
+    assert (given.code, rows_of(path)[-1]["y_mm"]) == (0, "70.0")
+    beam = await talk(tmp_path, [], "--append", "--at", 60, 5)
+    assert "its columns are not those of this surface; write to another file" in beam.err
 
 
 async def test_loads_are_appended_and_the_last_one_can_be_taken_back(tmp_path: Path) -> None:

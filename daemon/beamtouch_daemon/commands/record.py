@@ -19,10 +19,11 @@ import numpy as np
 from beamtouch_common.commands import DONE
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.outline import BEAM_AXES
 from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.config.file import load_config
-from beamtouch_daemon.config.settings import Loads, Surface
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.tare_file import NOT_TARED
 from beamtouch_daemon.measuring.at_rest import NotAtRestError, describe_motion, noise_of, rest_gaps, steps_mm
 from beamtouch_daemon.measuring.known_loads import Load, LoadFile, parse_load
@@ -66,11 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--seconds: give more than 0 and at most {MAX_SECONDS:g}")
     name, surface = names[0], config.surfaces[names[0]]
     try:
-        given = [parse_load(words, surface.loads, is_accepted=arguments.accept) for words in arguments.at or ()]
+        given = [parse_load(words, surface, is_accepted=arguments.accept) for words in arguments.at or ()]
     except ValueError as error:
         raise InputError(f"--at: {error}") from None
     rest_gap_mm = config.read_rest_gaps([name])[name]
-    file = LoadFile(path, surface.channel_names, append=arguments.append)
+    file = LoadFile(path, surface, append=arguments.append)
     if surface.loads is None:
         print(f"without [surfaces.{name}.loads], positions and forces are not checked", file=sys.stderr)
     if not rest_gap_mm:
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     if is_terminal():
         print(HELP, file=sys.stderr)
     dialogue = Dialogue(
-        file, surface.loads, lambda load: asyncio.run(record_load(surface, rest_gap_mm, load, arguments.seconds))
+        file, surface, lambda load: asyncio.run(record_load(surface, rest_gap_mm, load, arguments.seconds))
     )
     try:
         if given:
@@ -107,27 +108,29 @@ class Dialogue:
     Parameters
     ----------
     file : Where loads are written.
-    limits : The loads that the model covers, None if they are not known.
+    surface : Its axes, and the loads that the model covers, if they are known.
     record : Returns the samples of a load; LoadRefusedError if it cannot be recorded.
     """
 
-    def __init__(self, file: LoadFile, limits: Loads | None, record: Callable[[Load], list[TimedSample]]) -> None:
+    def __init__(self, file: LoadFile, surface: Surface, record: Callable[[Load], list[TimedSample]]) -> None:
         self.refused: list[Load] = []
         """Loads that were refused or removed, and have not been recorded since."""
         self._file = file
-        self._limits = limits
+        self._surface = surface
         self._samples_of = record
 
     def record_stated(self) -> None:
-        """Record loads whose position and force are typed, until an empty line."""
-        question = f"put it on, then enter position in mm and force in N (empty line: done; {UNDO})"
+        """Record loads whose place and force are typed, until an empty line."""
+        place = "position" if self._surface.axes == BEAM_AXES else "x and y"
+        question = f"put it on, then enter {place} in mm and force in N (empty line: done; {UNDO})"
+        count = len(self._surface.axes) + 1
         while words := self._ask(question).split():
             if words == [UNDO]:
                 self._undo()
                 continue
-            is_accepted = words[2:] == [ACCEPT]
+            is_accepted = words[count:] == [ACCEPT]
             try:
-                load = parse_load(words[:2] if is_accepted else words, self._limits, is_accepted=is_accepted)
+                load = parse_load(words[:count] if is_accepted else words, self._surface, is_accepted=is_accepted)
             except ValueError as error:
                 _say(str(error))
             else:

@@ -11,6 +11,7 @@ from typing import Annotated, Self
 from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_validator
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS, PLATE_AXES
 from beamtouch_common.secrets import read_token
 from beamtouch_daemon.config import tare_file as tares
 from beamtouch_daemon.config.modules import Module
@@ -45,10 +46,26 @@ class Metrics(Strict):
 class Loads(Strict):
     """The loads that the model covers; `record` refuses others."""
 
-    position_mm: Range
+    position_mm: Range | None = None
     """Range of positions, from the left end of the beam."""
+    x_mm: Range | None = None
+    """On a plate, with `y_mm`: its range along `x`, instead of `position_mm`."""
+    y_mm: Range | None = None
+    """On a plate: its range along `y`."""
     max_force_n: Annotated[FiniteFloat, Field(gt=0)]
     """Largest force."""
+
+    @model_validator(mode="after")
+    def _has_axes(self) -> Self:
+        if tuple(self.ranges_mm) not in {BEAM_AXES, PLATE_AXES}:
+            raise ValueError("give position_mm of a beam, or x_mm and y_mm of a plate")
+        return self
+
+    @property
+    def ranges_mm(self) -> dict[str, tuple[float, float]]:
+        """Axis -> its range."""
+        stated = {BEAM_AXIS: self.position_mm, "x": self.x_mm, "y": self.y_mm}
+        return {axis: ends for axis, ends in stated.items() if ends is not None}
 
 
 class Surface(Strict):
@@ -91,6 +108,17 @@ class Surface(Strict):
     """Default: `record` checks neither positions nor forces."""
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
     """Sensors, in the order of the model's channels."""
+
+    @model_validator(mode="after")
+    def _has_one_kind_of_place(self) -> Self:
+        kinds = {tuple(channel.place_mm) for channel in self.channels if channel.place_mm}
+        if self.loads:
+            kinds.add(tuple(self.loads.ranges_mm))
+        if len(kinds) > 1 or kinds - {BEAM_AXES, PLATE_AXES}:
+            raise ValueError(
+                "places have position_mm on a beam, x_mm and y_mm on a plate, in loads and all channels alike"
+            )
+        return self
 
     @model_validator(mode="after")
     def _channels_are_distinct(self) -> Self:
@@ -147,6 +175,12 @@ class Surface(Strict):
             )
             raise ValueError(message)
         return self
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The axes of a place, as its channels or its loads state them; those of a beam if neither does."""
+        is_plate = any(channel.x_mm is not None for channel in self.channels)
+        return PLATE_AXES if is_plate or (self.loads and self.loads.x_mm is not None) else BEAM_AXES
 
     @property
     def channel_names(self) -> list[str]:

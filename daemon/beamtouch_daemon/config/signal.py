@@ -114,6 +114,10 @@ class Channel(Strict):
     position_mm: Length | None = None
     """Place of the sensor, from the left end of the beam. `design-sensors build` writes it, and keeps it when it builds
     again; `noise` prints it for the scene. Default: not stated."""
+    x_mm: Length | None = None
+    """On a plate, with `y_mm` and instead of `position_mm`: place of the sensor along `x`."""
+    y_mm: Length | None = None
+    """On a plate: place of the sensor along `y`."""
     register_: Annotated[int | None, Field(alias="register", ge=0, le=65_535)] = None
     """Modbus: address of the first register, from 0. Serial: index in the frame, from 0."""
     input: Annotated[int, Field(ge=0, le=63)] | None = None
@@ -145,6 +149,12 @@ class Channel(Strict):
     """Counts at these ends and beyond are saturated; overrides `adc_bits`."""
     stuck_after_ms: Duration | None = None
     """A channel is stuck when its counts have not changed for longer; default: from the surface's `noise_mm`."""
+
+    @property
+    def place_mm(self) -> dict[str, float]:
+        """Axis -> its coordinate, as far as it is stated."""
+        stated = {"position": self.position_mm, "x": self.x_mm, "y": self.y_mm}
+        return {axis: at_mm for axis, at_mm in stated.items() if at_mm is not None}
 
     @model_validator(mode="after")
     def _ranges_in_order(self) -> Self:

@@ -23,7 +23,9 @@ class _Contact(BaseModel):
     """The members of the answer to `GET /contact` that are used here."""
 
     state: Literal["clear", "contact", "unexplained"]
-    position_mm: float | None
+    position_mm: float | None = None
+    x_mm: float | None = None
+    y_mm: float | None = None
     force_n: float | None
 
 
@@ -52,10 +54,11 @@ async def contact_on(client: ServiceClient, surface: str) -> str | None:
         return None
     if contact.state == "clear":
         return ""
-    if contact.position_mm is None:
+    place_mm = [at_mm for at_mm in (contact.position_mm, contact.x_mm, contact.y_mm) if at_mm is not None]
+    if not place_mm:
         return "something that it cannot explain"
     force = "" if contact.force_n is None else f" of {contact.force_n:.3g} N"
-    return f"a contact{force} at {contact.position_mm:.0f} mm"
+    return f"a contact{force} at {', '.join(f'{at_mm:.0f}' for at_mm in place_mm)} mm"
 
 
 async def calibration_on(client: ServiceClient, surface: str) -> bool | None:

@@ -13,11 +13,11 @@ from beamtouch_common.digits import MAX_DECIMALS
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import require_writable
-from beamtouch_daemon.config.settings import Loads
+from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS
+from beamtouch_daemon.config.settings import Loads, Surface
 from beamtouch_daemon.measuring.figures import counts_text, rounded
 from beamtouch_daemon.processing.pipeline import TimedSample
 
-LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")
 CHANNEL_COLUMNS = ("counts", "deflection_mm", "quality")
 
 
@@ -25,36 +25,53 @@ CHANNEL_COLUMNS = ("counts", "deflection_mm", "quality")
 class Load:
     """A known load, as the user states it."""
 
-    position_mm: float
+    place_mm: tuple[float, ...]
+    """One number an axis."""
     force_n: float
     is_accepted: bool = field(default=False, compare=False)
     """True if it is recorded without checks."""
 
     def __str__(self) -> str:
-        return f"{self.force_n:g} N at {self.position_mm:g} mm"
+        return f"{self.force_n:g} N at {', '.join(f'{at_mm:g}' for at_mm in self.place_mm)} mm"
 
 
-def parse_load(words: Sequence[str], limits: Loads | None, *, is_accepted: bool) -> Load:
-    """Return the load with a position and a force; ValueError with one line if it cannot be, or is outside `limits`."""
+def parse_load(words: Sequence[str], surface: Surface, *, is_accepted: bool) -> Load:
+    """Return the load with a place and a force; ValueError with one line if it cannot be, or is outside the limits."""
+    axes, limits = surface.axes, surface.loads
     try:
-        position_mm, force_n = (float(word.replace(",", ".")) for word in words)
+        *place_mm, force_n = (float(word.replace(",", ".")) for word in words)
+        if len(place_mm) != len(axes):
+            raise ValueError
     except ValueError:
         message = "give two numbers: the position in mm from the left end, and the force in N, as in 150 10"
+        if axes != BEAM_AXES:
+            message = "give three numbers: x and y in mm from the corner, and the force in N, as in 150 80 10"
         raise ValueError(message) from None
-    message = ""
-    if not 0 <= position_mm < math.inf:
-        message = f"a position of {position_mm:g} mm is not on the beam; count from its left end"
+    message = _find_off(dict(zip(axes, place_mm, strict=True)), None if is_accepted else limits)
+    if message:
+        pass
     elif not 0 < force_n < math.inf:
         message = f"a force of {force_n:g} N is no load; give newtons (1 kg weighs 9.81 N)"
-    elif limits and not is_accepted:
-        low_mm, high_mm = limits.position_mm
-        if not low_mm <= position_mm <= high_mm:
-            message = f"{position_mm:g} mm is not within {low_mm:g} to {high_mm:g} mm, the range that the model covers"
-        elif force_n > limits.max_force_n:
-            message = f"{force_n:g} N is more than {limits.max_force_n:g} N, the largest force that the model covers"
+    elif limits and not is_accepted and force_n > limits.max_force_n:
+        message = f"{force_n:g} N is more than {limits.max_force_n:g} N, the largest force that the model covers"
     if message:
         raise ValueError(message)
-    return Load(position_mm, force_n, is_accepted)
+    return Load(tuple(place_mm), force_n, is_accepted)
+
+
+def _find_off(place_mm: dict[str, float], limits: Loads | None) -> str:
+    """Return why a place is not on the structure, or not within the limits; empty if it is."""
+    for axis, at_mm in place_mm.items():
+        is_beam = axis == BEAM_AXIS
+        if not 0 <= at_mm < math.inf:
+            if is_beam:
+                return f"a position of {at_mm:g} mm is not on the beam; count from its left end"
+            return f"{axis} = {at_mm:g} mm is not on the plate; count from its lower left corner"
+        low_mm, high_mm = limits.ranges_mm[axis] if limits else (0.0, math.inf)
+        if not low_mm <= at_mm <= high_mm:
+            what = f"{at_mm:g} mm" if is_beam else f"{axis} = {at_mm:g} mm"
+            return f"{what} is not within {low_mm:g} to {high_mm:g} mm, the range that the model covers"
+    return ""
 
 
 class LoadFile:
@@ -63,7 +80,7 @@ class LoadFile:
     Parameters
     ----------
     path : The file.
-    channels : Names of the channels.
+    surface : Its axes and channels are those of the file.
     append : Whether to add to an existing file.
 
     Raises
@@ -72,13 +89,16 @@ class LoadFile:
         The file exists and `append` is false, or it is not a recording of these channels, or it cannot be written.
     """
 
-    def __init__(self, path: Path, channels: Sequence[str], *, append: bool) -> None:
+    def __init__(self, path: Path, surface: Surface, *, append: bool) -> None:
         self.path = path
         self.loads = 0
         """Number of the last load in the file; 0 if there is none."""
         self._recorded: list[tuple[int, Load]] = []
         """Position in the file, and load, of each load that was added."""
-        self._header = [*LOAD_COLUMNS, *(f"{name}_{column}" for name in channels for column in CHANNEL_COLUMNS)]
+        self._header = [
+            *("unix_time_s", "load", *(f"{axis}_mm" for axis in surface.axes), "force_n"),
+            *(f"{name}_{column}" for name in surface.channel_names for column in CHANNEL_COLUMNS),
+        ]
         if path.exists() and not append:
             raise InputError(f"{path}: already exists; add --append or name another file")
         require_writable([path])
@@ -138,7 +158,7 @@ def _last_load(path: Path, header: Sequence[str]) -> int:
 
 def _row(number: int, load: Load, taken: TimedSample) -> list[object]:
     sample = taken.sample
-    cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", number, load.position_mm, load.force_n]
+    cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", number, *load.place_mm, load.force_n]
     for count, value, quality in zip(taken.reading.counts, sample.deflection_mm, sample.quality, strict=True):
         deflection = "" if value is None else f"{rounded(value, MAX_DECIMALS):.{MAX_DECIMALS}f}"
         cells += ["" if count is None else counts_text(count), deflection, quality.value]
