@@ -49,7 +49,7 @@ def test_it_states_what_the_model_was_made_for(bench: ModelFile, tmp_path: Path)
     assert surface.zero_tracking.drift_um_per_min == pytest.approx(1e3 * metadata.noise.reading_mm, rel=1e-2)
     assert surface.zero_tracking.max_mm == pytest.approx(outer / 2, rel=1e-2)
     assert surface.loads is not None
-    assert (tuple(surface.loads.position_mm), surface.loads.max_force_n) == ((1.0, 399.0), 20.0)
+    assert (surface.loads.ranges_mm, surface.loads.max_force_n) == ({"position": (1.0, 399.0)}, 20.0)
 
 
 def test_what_the_scene_does_not_state_has_no_line(bench: ModelFile, tmp_path: Path) -> None:
