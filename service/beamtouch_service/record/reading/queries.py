@@ -26,6 +26,7 @@ _IS_ASKED = _c.id.in_(bindparam("ids", expanding=True))
 # Made once: making a statement takes the interpreter for longer than running it.
 _EVENTS = select(_c.id, *WITHOUT_PATH).where(_IS_ASKED)
 _EVENTS_WITH_PATH = select(_c.id, *CONTENT).where(_IS_ASKED)
+_PLACES = select(_c.id, _c.surface, _c.place).where(_IS_ASKED)
 _BEST_SAMPLES = select(_c.id, _c.surface, _c.model, _c.best).where(_IS_ASKED)
 
 
@@ -76,11 +77,12 @@ def read_events(reader: Reader, keys: Sequence[EventKey], *, path: bool) -> Iter
 
 def find_axes(reader: Reader, keys: Sequence[EventKey]) -> list[tuple[str, ...]]:
     """Return the different axes of the events of these keys; without events, those of a beam."""
-    query = select(_c.id, _c.surface, _c.place).where(_c.id.in_([key.id for key in keys]))
-    places = reader.rows(query) if keys else []
-    for row in places:
+    axes: dict[tuple[str, ...], None] = {}
+    for row in reader.rows(_PLACES, ids=[key.id for key in keys]):
         require_whole_event(row)
-    return list(dict.fromkeys(tuple(row.place) for row in places)) or [BEAM_AXES]
+        axes[tuple(row.place)] = None
+        reader.rest()
+    return list(axes) or [BEAM_AXES]
 
 
 def get_recorded_event(reader: Reader, number: int) -> Numbered | None:
