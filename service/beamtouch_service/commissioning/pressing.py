@@ -59,8 +59,6 @@ class _Entry(NamedTuple):
 
     at_us: int
     values_mm: Floats
-    size: float
-    """Distance of the channels from rest, in deviations of the one that moved most."""
 
 
 class _Summary(NamedTuple):
@@ -134,12 +132,10 @@ class PressFinder:
         """
         if self._window and not 0 < at_us - self._window[-1].at_us <= self._pause_us:
             self._clear()
-            self.stage = Stage.PRESS if self.stage is Stage.HOLD else self.stage
-        entry = _Entry(at_us, values_mm, self._size(values_mm))
-        if (self.stage, entry.size > PRESSED) in {(Stage.PRESS, True), (Stage.HOLD, False)}:
-            self.stage = Stage.HOLD if self.stage is Stage.PRESS else Stage.PRESS
-            self._clear()
-        self._window.append(entry)
+            if self.stage is Stage.HOLD:
+                self.stage = Stage.PRESS
+        self._note_press(is_pressed=self._size(values_mm) > PRESSED)
+        self._window.append(_Entry(at_us, values_mm))
         while len(self._window) > 1 and at_us - self._window[1].at_us >= HOLD_US:
             self._window.popleft()
         if at_us - self._window[0].at_us < HOLD_US:
@@ -149,11 +145,22 @@ class PressFinder:
             return None
         return self._take_still(_Summary.of(self._window), state)
 
+    def _note_press(self, *, is_pressed: bool) -> None:
+        """Go from awaiting a press to awaiting that it is held, or back."""
+        if self.stage is Stage.PRESS and is_pressed:
+            self.stage = Stage.HOLD
+        elif self.stage is Stage.HOLD and not is_pressed:
+            self.stage = Stage.PRESS
+        else:
+            return
+        self._clear()
+
     def _clear(self) -> None:
         self._window.clear()
         self._still_since_us = None
 
     def _size(self, values_mm: Floats) -> float:
+        """Return the distance of the channels from rest, in deviations of the one that moved most."""
         if self.stage is Stage.REST:
             return 0.0
         return float(np.nanmax(np.abs(values_mm - self._rest_mm) / self._noise_mm, initial=0.0))

@@ -63,12 +63,12 @@ class CommissioningRun:
         self._boot_id = ""
         self._presses: dict[int, Press] = {}
         """Sensor -> the press above it."""
-        self._seen_held = PressDecision(None)
+        self._held_decision = PressDecision(None)
         """The surface's decision on the press that awaits its lift."""
-        self._bad_held: dict[str, Quality] = {}
+        self._held_bad: dict[str, Quality] = {}
         """Channels that were not good in it."""
-        self._bad: dict[str, Quality] = {}
-        """Channels that were not good in a press."""
+        self._ever_bad: dict[str, Quality] = {}
+        """Channels that were not good in a press above a sensor."""
         self._explanation: Explanation | None = None
         self._findings: list[SensorFinding] = []
 
@@ -127,14 +127,14 @@ class CommissioningRun:
         moved = self._finder.add(sample.acquired_unix_us, deflection_mm, seen.state)
         if was_held and self.stage is Stage.LIFT:
             qualities = dict(zip(channels, sample.quality, strict=True))
-            self._bad_held = {name: one for name, one in qualities.items() if one is not Quality.GOOD}
-            self._seen_held = seen
+            self._held_bad = {name: one for name, one in qualities.items() if one is not Quality.GOOD}
+            self._held_decision = seen
         if moved is None:
             return
         if self.step < len(self.report.sensors):
-            yield from self._take_sensor(moved, self._bad_held)
+            yield from self._take_sensor(moved, self._held_bad)
         else:
-            self._take_place(self._seen_held)
+            self._take_place(self._held_decision)
             self._advance()
 
     def skip(self) -> None:
@@ -160,8 +160,8 @@ class CommissioningRun:
             quality=bad.get(sensor.name, Quality.GOOD),
         )
         self._presses, self._explanation = presses, explanation
-        self._bad |= bad
-        self._findings = judge_sensors(self._explanation, self.model.channels, self._bad)
+        self._ever_bad |= bad
+        self._findings = judge_sensors(self._explanation, self.model.channels, self._ever_bad)
         # What was said of a sensor may change with each press: all of them are judged together.
         for index, force_n in zip(self._presses, self._explanation.forces_n, strict=True):
             share = float(self._explanation.shares[index])
@@ -189,15 +189,22 @@ class CommissioningRun:
         self.report.sensors[index] = self.report.sensors[index].model_copy(update=members)
 
     def _advance(self) -> None:
+        """Go to the next step, and state the verdict as far as it is known."""
         self.step += 1
-        sensors, places = self.report.sensors, self.report.places
-        if self.step < len(sensors):
+        if self.step < len(self.report.sensors):
             return
+        self._judge_wiring()
+        if self.is_done:
+            self._judge_places()
+
+    def _judge_wiring(self) -> None:
+        sensors = self.report.sensors
         unseen = [one.name for one in sensors if one.finding is Finding.UNSEEN]
         wiring = advise(self._explanation, self.model.channels, self._findings) if self._explanation else []
         self.report.verdict = [*advise_unseen(unseen), *wiring]
-        if not self.is_done:
-            return
+
+    def _judge_places(self) -> None:
+        sensors, places = self.report.sensors, self.report.places
         is_wired = all(one.finding is Finding.RIGHT for one in sensors)
         self.report.passed = is_wired and all(map(is_right, places))
         self.report.verdict += advise_places(places, is_wired=is_wired)

@@ -90,7 +90,7 @@ def explain(presses: Sequence[Press], influence: Influence) -> Generator[None, N
     presses : at least one
     influence : of the model, its channels in the order of those of the presses
     """
-    moved_mm, noise_mm = (np.array([one[field] for one in presses]) for field in (1, 2))
+    moved_mm, noise_mm = np.array([one.moved_mm for one in presses]), np.array([one.noise_mm for one in presses])
     moved_mm[:, np.isnan(moved_mm).all(axis=0)] = 0.0  # a channel that never has values is dead
     fits = [_Fit(one._replace(moved_mm=moved), influence) for one, moved in zip(presses, moved_mm, strict=True)]
     prices = yield from _search(fits, len(presses[0].moved_mm))
