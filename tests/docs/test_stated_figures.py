@@ -21,7 +21,7 @@ from beamtouch_models.design.accuracy import thresholds
 from beamtouch_models.design.calibration import recordings
 from beamtouch_models.design.physics.beam import MAX_SLOPE
 from beamtouch_models.design.physics.motion import DAMPING_RATIO
-from beamtouch_models.design.pricing import prices
+from beamtouch_models.design.pricing import effect
 from beamtouch_models.filters import rest, zeros
 from beamtouch_models.filters.change_detector import DRIFT_PART, STILL_PART
 from beamtouch_models.filters.motion import SCATTER_PART
@@ -174,7 +174,7 @@ STATED = {
     "docs/decisions/032-zones.md": [
         f"the interval at {share(BEGIN):.1f} % lies on one side, and ends if that at {share(HOLD):.0f} % does not"
     ],
-    "docs/explanation/index.md": [f"while their prices sum to less than {PARTS[prices.NEGLIGIBLE]}"],
+    "docs/explanation/index.md": [f"while their prices sum to less than {PARTS[effect.NEGLIGIBLE]}"],
     "docs/explanation/paper.md": [
         TITLE,
         SOURCE,

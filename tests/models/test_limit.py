@@ -13,7 +13,7 @@ from beamtouch_models.design.accuracy.limit import accuracy_limit, compare_limit
 from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import TAIL, Prior, forces_of
 from beamtouch_models.design.physics.beam import influence_of
-from beamtouch_models.design.pricing.prices import Effect
+from beamtouch_models.design.pricing.effect import Effect
 from beamtouch_models.design.scene import Scene, change_scene, load_scene
 from beamtouch_models.design.scene.tables import MAX_GAIN_PERCENT
 from beamtouch_models.design.surface import Surface, resolve

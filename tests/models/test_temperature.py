@@ -7,7 +7,7 @@ import pytest
 
 from beamtouch_models.design.physics.axial import held
 from beamtouch_models.design.physics.beam import influence
-from beamtouch_models.design.pricing.prices import Effect
+from beamtouch_models.design.pricing.effect import Effect
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.surface import resolve

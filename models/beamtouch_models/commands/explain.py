@@ -18,7 +18,7 @@ from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.placement.placing import DEFAULT_AIM
-from beamtouch_models.design.pricing.prices import NEGLIGIBLE, VERDICTS, Effect
+from beamtouch_models.design.pricing.effect import NEGLIGIBLE, VERDICTS, Effect
 from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.printing import Block, Result, Table, Words, note
 from beamtouch_models.design.scene import Scene, load_scene

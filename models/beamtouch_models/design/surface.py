@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.distance import pdist
 
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
@@ -26,13 +27,16 @@ from beamtouch_models.design.physics.characteristic_fit import Characteristic
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, Travel, check_own, travel_of
 from beamtouch_models.design.physics.measured_structure import measured_structure_of
 from beamtouch_models.design.physics.motion import slowest_period_ms
+from beamtouch_models.design.physics.plate import places_of_sensors
 from beamtouch_models.design.physics.structure import Structure, characteristics_of, influence_of, structure_of
 from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_layout
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.design.placement.position_error import Sampling
 from beamtouch_models.design.pricing.aliases import unseen_of, unseen_swing
 from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
-from beamtouch_models.design.pricing.prices import Effect, effects_of, without_negligible
+from beamtouch_models.design.pricing.effect import Effect
+from beamtouch_models.design.pricing.of_plates import check_linear
+from beamtouch_models.design.pricing.prices import effects_of, without_negligible
 from beamtouch_models.design.pricing.ringing import Ringing, ringing_of
 from beamtouch_models.design.scene import Scene, parse_scene
 from beamtouch_models.design.scene.beam import Beam
@@ -40,7 +44,7 @@ from beamtouch_models.errors import SceneError, require
 from beamtouch_models.filters import Chain
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import at_least, at_most, number, whole
-from beamtouch_models.places import on_axis, positions_of
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.metadata import FilterChoice, Metadata, Noise, Sensor
 
@@ -67,7 +71,7 @@ class Surface:
     effects : physical effects with their prices; `in` the model, or left `out` because all that is left out costs less
         than a tenth of the noise together, or in the `floor` of each sample's errors, or `not modelled`: then intervals
         are wide while the effect lasts, or the reason says what to do
-    ringing : how the beam rings, and for how long; None if its mass is not stated
+    ringing : how the beam or plate rings, and for how long; None if its mass is not stated
     sensor : range and stand-off in mm, and ADC, of each sensor
     influence : deflection per newton, as a function of sensor and load
 
@@ -105,7 +109,7 @@ class Surface:
 
     @property
     def structure(self) -> Structure:
-        """The structure, a beam without its negligible effects; SceneError if the scene states none."""
+        """The structure, a beam or a plate without its negligible effects; SceneError if the scene states none."""
         return structure_of(self.modelled)
 
     @property
@@ -141,23 +145,23 @@ class Surface:
 
     @cached_property
     def slowest_period_ms(self) -> float | None:
-        """The longest period in which readings seem to swing; None without a beam whose mass is stated."""
-        return slowest_period_ms(self.scene) if self.scene.has_beam else None
+        """The longest period in which readings seem to swing; None without a beam or plate whose mass is stated."""
+        return slowest_period_ms(self.scene) if self.scene.is_computed else None
 
     @property
     def slowest_period(self) -> float:
-        """The longest period in which readings seem to swing, in readings; 0 without a beam whose mass is stated."""
+        """The longest period in which readings seem to swing, in readings; 0 without a beam or plate whose mass is stated."""
         return (self.slowest_period_ms or 0.0) * self.scene.sensors.rate_hz / 1e3
 
     @cached_property
     def unseen_swing(self) -> float:
-        """The swing of the beam that readings do not show, over that which they show."""
-        return unseen_swing(self.scene, self.readings.reading_mm) if self.scene.has_beam else unseen_of(())
+        """The swing of the structure that readings do not show, over that which they show."""
+        return unseen_swing(self.scene, self.readings.reading_mm) if self.scene.is_computed else unseen_of(())
 
     @property
     def ringing(self) -> Ringing | None:
-        """How long the beam rings; None without a beam whose mass is stated."""
-        if not self.scene.has_beam:
+        """How long the structure rings; None without a beam or plate whose mass is stated."""
+        if not self.scene.is_computed:
             return None
         return ringing_of(self.scene, self.readings.reading_mm, self.travel.largest_mm)
 
@@ -166,11 +170,14 @@ class Surface:
         return characteristics_of(self.scene, sensor_mm)
 
     def __repr__(self) -> str:
-        """Return what the surface is: its length, its contacts, and the noise of a sample."""
-        (low, high), (weak, strong) = self.influence.extent.range_mm, self.influence.force_n
-        forces = f"{weak:g}" if weak == strong else f"{weak:g}..{strong:g}"
-        contacts, noise_mm = f"contacts at {low:g}..{high:g} mm with {forces} N", digits(self.errors.noise_mm, 3)
-        return f"Surface({self.influence.diagonal_mm:g} mm long, {contacts}, {noise_mm} mm of noise a sample)"
+        """Return what the surface is: its size, its contacts, and the noise of a sample."""
+        weak, strong = self.influence.force_n
+        forces, noise_mm = f"{weak:g}" if weak == strong else f"{weak:g}..{strong:g}", digits(self.errors.noise_mm, 3)
+        size = " x ".join(f"{length:g}" for length in self.influence.size_mm)
+        places = ", ".join(f"{low:g}..{high:g}" for low, high in self.influence.extent.ranges_mm)
+        long = " long" if self.influence.extent.axes == 1 else ""
+        contacts = f"contacts at {places} mm with {forces} N"
+        return f"Surface({size} mm{long}, {contacts}, {noise_mm} mm of noise a sample)"
 
     def place(
         self,
@@ -207,7 +214,9 @@ class Surface:
         return place_sensors(self, count=count, seed=whole(seed, "seed", 0), aim=aim)
 
     def layout(self, positions_mm: ArrayLike) -> Layout:
-        """Return the layout of sensors at positions (sensors,) in mm from the left end, in the order of the channels.
+        """Return the layout of sensors, in the order of the channels.
+
+        Sensors stand at positions (sensors,) in mm from the left end, or at places (sensors, 2) of a plate.
 
         Raises
         ------
@@ -226,8 +235,8 @@ class Surface:
         return chain_of(self.filter, channels, self.noise.reading_mm, per_count_mm, *seen)
 
     def prior(self, sensor_mm: Floats) -> Prior:
-        """Return the prior of the surface with sensors at positions (channels,), in mm."""
-        return Prior.of(self.influence, on_axis(sensor_mm), self.errors)
+        """Return the prior of the surface with sensors at positions (channels,) or places (channels, axes), in mm."""
+        return Prior.of(self.influence, np.reshape(sensor_mm, (len(sensor_mm), -1)), self.errors)
 
     def check(self, count: int | None = None) -> None:
         """Refuse a scene of which no surface can be built.
@@ -249,10 +258,11 @@ class Surface:
         fewest = min(scene.fewest, scene.count_range[1])
         equal_layout(self.rules, self.influence.size_mm, count or fewest)
 
-    def check_spacing(self, positions_mm: Sequence[float]) -> None:
-        """Raise SceneError if the mounting tolerance lets neighbouring sensors change places."""
+    def check_spacing(self, place_mm: Floats) -> None:
+        """Raise SceneError if the mounting tolerance lets neighbouring sensors at places (sensors, axes) change places.
+        """
         tolerance_mm = self.scene.sensors.mounting_tolerance_mm
-        spacing_mm = float(np.diff(np.sort(positions_mm)).min(initial=np.inf))
+        spacing_mm = float(pdist(place_mm).min(initial=np.inf))
         if tolerance_mm >= spacing_mm:
             raise SceneError(
                 f"sensors.mounting_tolerance_mm = {tolerance_mm:g}: two of the sensors are {digits(spacing_mm, 3)} mm "
@@ -291,8 +301,10 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
     if readings.reading_mm > 0:
         if scene.has_beam:
             check_small_angles(travel, scene.sensors.range_mm[1] - scene.sensors.range_mm[0])
+        if scene.plate is not None:
+            check_linear(scene, scene.plate)
         check_errors(scene, readings, chosen, travel.largest_mm)
-        effects = effects_of(scene, stated, chosen, readings, positions_of(rules.place_mm))
+        effects = effects_of(scene, stated, chosen, readings, rules.place_mm)
     modelled, sensors, noise = without_negligible(scene, effects), scene.sensors, readings.behind(chosen)
     errors = Errors(noise.sample_mm, readings.gain, readings.floor_mm, modelled.sensors.mounting_tolerance_mm)
     return Surface(
@@ -313,7 +325,8 @@ def _structure_of(scene: Scene, influence: InfluenceFunction | None) -> Influenc
     if influence is None:
         return influence_of(scene)
     check_own(influence, scene.contact.position_mm, scene.contact.force_range_n)
-    for name, is_stated in (("beam", scene.has_beam), ("measured", scene.measured is not None)):
+    structures = ("beam", scene.has_beam), ("plate", scene.plate is not None), ("measured", scene.measured is not None)
+    for name, is_stated in structures:
         if is_stated:
             raise SceneError(
                 f"{name}: an influence function of your own takes its place, so that nothing may follow from both; "
@@ -344,8 +357,10 @@ def rules_of(scene: Scene, length_mm: float) -> LayoutRules:
     if scene.measured is not None:
         allowed_mm = np.sort(list(scene.measured.places_mm.values()))
         return LayoutRules(on_axis(allowed_mm), np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), 0.0)
-    allowed_mm = sensor_positions_mm(sensors, length_mm, held_mm_of(scene))
     distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
+    if scene.plate is not None:
+        return LayoutRules(*places_of_sensors(scene.plate, sensors), distance_mm)
+    allowed_mm = sensor_positions_mm(sensors, length_mm, held_mm_of(scene))
     return LayoutRules(on_axis(allowed_mm), np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
 
 
@@ -361,7 +376,7 @@ def _resolve_text(text: str, origin: str, chosen: FilterChoice) -> Surface:
 
 def _sensor_of(scene: Scene, travel: Travel) -> Sensor:
     """Return sensor, ADC and stand-off of a scene; SceneError if the structure leaves the sensor's range."""
-    what = "beam" if scene.has_beam else "structure"
+    what = "beam" if scene.has_beam else "structure" if scene.plate is None else "plate"
     low, high = scene.sensors.range_mm
     lift, fall = travel.lift_mm, travel.fall_mm
     centred_mm, stated_mm = (low + high) / 2 + (fall - lift) / 2, scene.sensors.standoff_mm

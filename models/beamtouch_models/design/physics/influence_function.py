@@ -204,7 +204,7 @@ def even_loads_mm(position_mm: tuple[float, float], length_mm: float) -> Floats:
 
 @dataclass(frozen=True, repr=False)
 class Travel(Rounded):
-    """How far the contacts of a scene move a structure of one axis, anywhere on it."""
+    """How far the contacts of a scene move a structure, anywhere on it."""
 
     lift_mm: float
     """Against the direction of the largest force, 0 or more; a beam on two supports never lifts, an overhang does."""
@@ -222,15 +222,17 @@ class Travel(Rounded):
 
 
 def travel_of(influence: InfluenceFunction) -> Travel:
-    """Return the travel of a structure of one axis; SceneError if it is beyond what can be computed."""
-    points, force_n = np.linspace(0.0, influence.diagonal_mm, POINTS), influence.force_n[1]
+    """Return the travel of a structure; SceneError if it is beyond what can be computed."""
+    ticks = Extent(tuple((0.0, length) for length in influence.size_mm.tolist())).ticks(POINTS)
+    force_n = influence.force_n[1]
     with np.errstate(over="ignore"):
-        shapes = influence.matrix(points[:, None]) * force_n
+        shapes = influence.matrix(grid_of(ticks)) * force_n
     if not np.all(np.isfinite(shapes)):
         message = "the deflection at the largest force is beyond what can be computed; check contact.force_n and beam"
         raise SceneError(message)
-    slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
-    return Travel(max(0.0, -float(shapes.min())), max(0.0, float(shapes.max())), slope, force_n)
+    on_grid = shapes.reshape(len(shapes), *map(len, ticks))
+    steepest = [np.abs(np.diff(on_grid, axis=axis)).max() / (tick[1] - tick[0]) for axis, tick in enumerate(ticks, 1)]
+    return Travel(max(0.0, -float(shapes.min())), max(0.0, float(shapes.max())), math.hypot(*steepest), force_n)
 
 
 def check_own(

@@ -1,7 +1,7 @@
-"""Motion of a beam: its natural frequencies and modes, also with a weight on it, and the ringing that a load excites.
+"""Motion of a beam or a plate: its natural frequencies and modes, also with a weight on it, and the ringing of a load.
 
-The beam's mass is taken as points. Their flexibility is the influence matrix, so any supports, sections and foundation
-have modes. Modes are normalised to a mass of 1 kg; the deflection w of mode k at x follows a force F at a as
+The mass is taken as points. Their flexibility is the influence matrix, so any supports, sections and foundation have
+modes. Modes are normalised to a mass of 1 kg; the deflection w of mode k at x follows a force F at a as
 
     q'' + 2 zeta omega q' + omega^2 q = F shape_k(a),   w = shape_k(x) q.
 
@@ -17,11 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics.beam import influence, load_positions_mm
 from beamtouch_models.design.physics.closed_forms import span_of
+from beamtouch_models.design.physics.solid import Solid, influence, loads_of
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import SMALLEST_NORMAL, Beam
+from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.errors import SceneError, require
+from beamtouch_models.places import grid_of
 from beamtouch_models.runtime.metadata import FilterChoice
 
 DAMPING_RATIO = 0.01
@@ -38,6 +40,8 @@ POINTS = 400
 """Point masses that represent the beam if there is no closed form; they give the frequency to about 1e-4."""
 EXCITED = 4
 """Modes that a sudden load excites noticeably: its deflection in mode k is about 1/k^4 of that in the first."""
+FEWEST = 6
+"""Point masses along the shorter side of a plate, at least."""
 MODES = 24
 """Modes that are followed; of the rest, a sudden load on a slender beam excites less than 1e-4 of its deflection."""
 MIN_SQUARE = 1e-12
@@ -45,38 +49,42 @@ MIN_SQUARE = 1e-12
 M_PER_MM = 1e-3
 
 
-def damping_of(beam: Beam) -> float:
-    """Return the damping of a beam's modes over critical damping, as stated or assumed."""
-    return DAMPING_RATIO if beam.damping_ratio is None else beam.damping_ratio
+def damping_of(solid: Solid) -> float:
+    """Return the damping of the modes over critical damping, as stated or assumed."""
+    return DAMPING_RATIO if solid.damping_ratio is None else solid.damping_ratio
 
 
-def first_frequency_hz(beam: Beam) -> float | None:
-    """Return the first natural frequency in Hz; None if the scene does not give density, width and thickness.
+def first_frequency_hz(solid: Solid) -> float | None:
+    """Return the first natural frequency in Hz; None if the scene does not state the mass.
 
     Without a closed form it comes from the influence matrix: for any supports, the largest eigenvalue of flexibility
     times mass is 1/omega^2.
     """
-    mass = _line_mass(beam)
-    if mass is None:
+    if (points := point_masses(solid)) is None:
         return None
-    span = span_of(beam, 0.0, beam.length_mm)
-    if span is not None and np.ptp(mass) == 0:
-        ratio = beam.rigidity_n_mm2 * 1e3 / float(mass[0])  # mm^4/s^2: a newton is 1000 kg mm/s^2
-        frequency = FIRST_ROOT[span.form] ** 2 / (2 * math.pi) * math.sqrt(ratio) / beam.length_mm / beam.length_mm
-    else:
-        frequency = float(_frequencies_hz(beam, mass)[0])
+    closed = _closed_form_hz(solid) if isinstance(solid, Beam) else None
+    frequency = float(_frequencies_hz(solid, points)[0]) if closed is None else closed
     if not SMALLEST_NORMAL <= frequency < math.inf:
         raise SceneError("beam: its natural frequency cannot be computed; check length, rigidity and density")
     return frequency
 
 
+def _closed_form_hz(beam: Beam) -> float | None:
+    """Return the first natural frequency of a uniform single span; None of other beams."""
+    mass, span = _line_mass(beam), span_of(beam, 0.0, beam.length_mm)
+    if mass is None or span is None or np.ptp(mass) > 0:
+        return None
+    ratio = beam.rigidity_n_mm2 * 1e3 / float(mass[0])  # mm^4/s^2: a newton is 1000 kg mm/s^2
+    return FIRST_ROOT[span.form] ** 2 / (2 * math.pi) * math.sqrt(ratio) / beam.length_mm / beam.length_mm
+
+
 def frequency_hz(scene: Scene) -> float:
-    """Return the first natural frequency of a scene's beam, in Hz.
+    """Return the first natural frequency of a scene's beam or plate, in Hz.
 
     Raises
     ------
     SceneError
-        The scene does not state density, width and thickness.
+        The scene does not state its mass.
 
     Examples
     --------
@@ -84,43 +92,45 @@ def frequency_hz(scene: Scene) -> float:
     44.0
     """
     require(scene, Scene, "scene", "what read_scene or make_scene returns")
-    first_hz = first_frequency_hz(scene.beam)
+    first_hz = first_frequency_hz(scene.solid)
     if first_hz is None:
+        if scene.plate is not None:
+            raise SceneError("plate: state density_kg_m3; it sets its frequency")
         raise SceneError("beam: state density_kg_m3, width_mm and thickness_mm; they set its frequency")
     return first_hz
 
 
 def laden_period_s(scene: Scene) -> float | None:
-    """Return the period of a scene's beam with a weight on it, in s; None without density, width and thickness.
+    """Return the period of a scene's beam or plate with a weight on it, in s; None without its mass.
 
-    The largest force of the scene is taken as a weight where the beam yields most. The squares of the periods of the
-    beam and of the weight add up (Dunkerley, On the whirling and vibration of shafts, Phil. Trans. A 185, 1894), which
+    The largest force of the scene is taken as a weight where it yields most. The squares of the periods without the
+    weight and of the weight add up (Dunkerley, On the whirling and vibration of shafts, Phil. Trans. A 185, 1894), which
     is never too short.
     """
-    first_hz, loads = first_frequency_hz(scene.beam), load_positions_mm(scene)
+    first_hz, loads = first_frequency_hz(scene.solid), loads_of(scene)
     if first_hz is None:
         return None
-    yielding_m_per_n = 1e-3 * float(np.diag(influence(scene.beam, loads, loads)).max())
+    yielding_m_per_n = 1e-3 * float(np.diag(influence(scene.solid, loads, loads)).max())
     weight_kg = scene.contact.force_range_n[1] / GRAVITY
     return math.hypot(1 / first_hz, 2 * math.pi * math.sqrt(weight_kg * yielding_m_per_n))
 
 
 def slowest_period_ms(scene: Scene) -> float | None:
-    """Return the longest period in which the readings of a scene's beam seem to swing, in ms.
+    """Return the longest period in which the readings of a scene's beam or plate seem to swing, in ms.
 
-    None if the scene does not give density, width and thickness.
+    None if the scene does not state its mass.
 
-    A weight on the beam makes it slower, as `laden_period_s` says. A mode that swings faster than half the rate of the
+    A weight on it makes it slower, as `laden_period_s` says. A mode that swings faster than half the rate of the
     readings seems to swing at the difference to a multiple of that rate, for as long as it rings. Close to half the
     rate, readings fall on alternate sides, and their amplitude seems to swing at the difference to half the rate.
     """
-    beam, rate_hz = scene.beam, scene.sensors.rate_hz
-    mass, first_hz, laden_s = _line_mass(beam), first_frequency_hz(beam), laden_period_s(scene)
-    if mass is None or first_hz is None or laden_s is None:
+    solid, rate_hz = scene.solid, scene.sensors.rate_hz
+    points, first_hz, laden_s = point_masses(solid), first_frequency_hz(solid), laden_period_s(scene)
+    if points is None or first_hz is None or laden_s is None:
         return None
     periods_s = [laden_s]
-    for frequency_hz in (first_hz, *_frequencies_hz(beam, mass)[1:EXCITED].tolist()):
-        rings_s = 1 / (damping_of(beam) * 2 * math.pi * frequency_hz)
+    for frequency_hz in (first_hz, *_frequencies_hz(solid, points)[1:EXCITED].tolist()):
+        rings_s = 1 / (damping_of(solid) * 2 * math.pi * frequency_hz)
         apparent_hz = abs(frequency_hz - round(frequency_hz / rate_hz) * rate_hz)
         beat_hz = max(min(apparent_hz, rate_hz / 2 - apparent_hz), 1e-9)
         followed = 2 * frequency_hz <= rate_hz
@@ -128,13 +138,13 @@ def slowest_period_ms(scene: Scene) -> float | None:
     return 1e3 * max(periods_s)
 
 
-def sag_mm(beam: Beam) -> float | None:
-    """Return the largest deflection under the beam's own weight, in mm; None if its mass is not stated."""
-    points = point_masses(beam)
+def sag_mm(solid: Solid) -> float | None:
+    """Return the largest deflection under the own weight, in mm; None if the mass is not stated."""
+    points = point_masses(solid)
     if points is None:
         return None
     place, point_mass = points
-    return float(np.abs(GRAVITY * point_mass @ influence(beam, place, place)).max())
+    return float(np.abs(GRAVITY * point_mass @ influence(solid, place, place)).max())
 
 
 def _line_mass(beam: Beam) -> Floats | None:
@@ -148,30 +158,42 @@ def _line_mass(beam: Beam) -> Floats | None:
     return mass
 
 
-def point_masses(beam: Beam) -> tuple[Floats, Floats] | None:
-    """Return the beam's mass as points: places in mm and masses in kg, (points,) each; None if it is not stated."""
-    mass = _line_mass(beam)
-    return None if mass is None else _points(beam, mass)
+def point_masses(solid: Solid) -> tuple[Floats, Floats] | None:
+    """Return the mass as points: places in mm, and masses in kg (points,); None if it is not stated.
+
+    Places of a beam are positions (points,), those of a plate (points, 2).
+    """
+    if isinstance(solid, Plate):
+        density = solid.mass_density_kg_m3
+        return None if density is None else _points_of_plate(solid, density * 1e-9 * solid.thickness_mm)
+    mass = _line_mass(solid)
+    return None if mass is None else _points(solid, mass)
 
 
 def _points(beam: Beam, line_mass: Floats) -> tuple[Floats, Floats]:
-    """Return the beam's mass as points: their places in mm and their masses in kg."""
     place = (np.arange(POINTS) + 0.5) / POINTS * beam.length_mm
     section = np.searchsorted([section.to_mm for section in beam.sections], place)
     return place, line_mass[section] * (beam.length_mm / POINTS)
 
 
-def _flexibility_s2(beam: Beam, place_mm: Floats, mass_kg: Floats) -> Floats:
+def _points_of_plate(plate: Plate, area_mass: float) -> tuple[Floats, Floats]:
+    size = np.array(plate.size_mm)
+    along = np.maximum(FEWEST, np.rint(size * math.sqrt(POINTS / size.prod()))).astype(int)
+    place = grid_of([(np.arange(count) + 0.5) / count * length for count, length in zip(along, size, strict=True)])
+    return place, np.full(len(place), area_mass * float(size.prod()) / len(place))
+
+
+def _flexibility_s2(solid: Solid, place_mm: Floats, mass_kg: Floats) -> Floats:
     """Return the flexibility of point masses, each over the roots of its masses; its eigenvalues are 1 / omega^2."""
     root = np.sqrt(mass_kg)
-    flexibility = influence(beam, place_mm, place_mm) * M_PER_MM * root[:, None] * root
+    flexibility = influence(solid, place_mm, place_mm) * M_PER_MM * root[:, None] * root
     symmetric: Floats = (flexibility + flexibility.T) / 2
     return symmetric
 
 
-def _frequencies_hz(beam: Beam, line_mass: Floats) -> Floats:
+def _frequencies_hz(solid: Solid, points: tuple[Floats, Floats]) -> Floats:
     """Return the natural frequencies in Hz, lowest first; those of modes that do not move are inf."""
-    squares = np.maximum(np.linalg.eigvalsh(_flexibility_s2(beam, *_points(beam, line_mass)))[::-1], 0.0)
+    squares = np.maximum(np.linalg.eigvalsh(_flexibility_s2(solid, *points))[::-1], 0.0)
     with np.errstate(divide="ignore"):
         frequencies: Floats = 1 / (2 * math.pi * np.sqrt(squares))
     return frequencies
@@ -193,38 +215,38 @@ def ringing_after_filter(frequency_hz: float, damping_ratio: float, chosen: Filt
 
 @dataclass(frozen=True)
 class Modes:
-    """The first modes of a beam."""
+    """The first modes of a beam or a plate."""
 
-    beam: Beam
+    solid: Solid
     width_mm: float
     """Length over which a load presses."""
     place_mm: Floats
-    """(points,) places of the point masses."""
+    """(points,) or (points, 2) places of the point masses."""
     moved: Floats
     """(points, modes) mass times shape over the square of the angular frequency, [kg^(1/2) s^2]."""
     square_s2: Floats
     """(modes,) 1 / omega^2, longest first."""
 
     @classmethod
-    def of(cls, beam: Beam, width_mm: float) -> Self | None:
-        """Return the modes of a beam; None if its mass is not stated."""
-        points = point_masses(beam)
+    def of(cls, solid: Solid, width_mm: float) -> Self | None:
+        """Return the modes of a beam or a plate; None if its mass is not stated."""
+        points = point_masses(solid)
         if points is None:
             return None
         place, mass = points
-        squares, vectors = np.linalg.eigh(_flexibility_s2(beam, place, mass))
+        squares, vectors = np.linalg.eigh(_flexibility_s2(solid, place, mass))
         modes = np.flatnonzero(squares > MIN_SQUARE * squares[-1])[: -MODES - 1 : -1]
         moved = np.sqrt(mass)[:, None] * vectors[:, modes] / squares[modes]
-        return cls(beam, width_mm, place, moved, squares[modes])
+        return cls(solid, width_mm, place, moved, squares[modes])
 
     def at(self, sensor_mm: Floats) -> Floats:
-        """Return the shapes at points of the beam, (points, modes) in kg^(-1/2)."""
-        shapes: Floats = influence(self.beam, self.place_mm, sensor_mm) * M_PER_MM @ self.moved
+        """Return the shapes at points, (points, modes) in kg^(-1/2)."""
+        shapes: Floats = influence(self.solid, self.place_mm, sensor_mm) * M_PER_MM @ self.moved
         return shapes
 
     def under(self, load_mm: Floats) -> Floats:
         """Return the mean shapes under loads, over their width, (loads, modes) in kg^(-1/2)."""
-        shapes: Floats = influence(self.beam, self.place_mm, load_mm, self.width_mm) * M_PER_MM @ self.moved
+        shapes: Floats = influence(self.solid, self.place_mm, load_mm, self.width_mm) * M_PER_MM @ self.moved
         return shapes
 
 

@@ -1,10 +1,10 @@
-"""The structure of a scene, a beam or a measured one: its influence, and how it changes with departures."""
+"""The structure of a scene, a beam, a plate or a measured one: its influence, and how it changes with departures."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics import beam
+from beamtouch_models.design.physics import beam, plate, solid
 from beamtouch_models.design.physics.characteristic_fit import Characteristic
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.physics.measured_structure import (
@@ -14,21 +14,24 @@ from beamtouch_models.design.physics.measured_structure import (
 )
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam, changed_beam
+from beamtouch_models.design.scene.plate import Plate, stiffened_plate
 from beamtouch_models.errors import SceneError
 
-Structure = Beam | MeasuredStructure
+Structure = Beam | Plate | MeasuredStructure
 PARTS = 33
 """Points that stand for a load spread over a part of a measured structure."""
 
 
 def structure_of(scene: Scene) -> Structure:
     """Return the structure of a scene; SceneError if it states none."""
-    return scene.beam if scene.measured is None else measured_structure_of(scene)
+    return scene.solid if scene.measured is None else measured_structure_of(scene)
 
 
 def influence_of(scene: Scene) -> InfluenceFunction:
     """Return the influence function of the structure of a scene; SceneError if it states none."""
-    return beam.influence_of(scene) if scene.measured is None else measured_influence_of(scene)
+    if scene.measured is not None:
+        return measured_influence_of(scene)
+    return beam.influence_of(scene) if scene.plate is None else plate.influence_of(scene, scene.plate)
 
 
 def characteristics_of(scene: Scene, sensor_mm: Floats) -> tuple[Characteristic, ...]:
@@ -40,12 +43,12 @@ def characteristics_of(scene: Scene, sensor_mm: Floats) -> tuple[Characteristic,
 
 
 def influence(structure: Structure, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Floats:
-    """Return the deflection (loads, sensors) in mm/N; arguments as `physics.beam.influence`.
+    """Return the deflection (loads, sensors) in mm/N; arguments as `physics.solid.influence`.
 
     A measured structure was loaded over the width of its loads. What is spread further is the mean of such loads.
     """
-    if isinstance(structure, Beam):
-        return beam.influence(structure, sensor_mm, load_mm, width_mm)
+    if isinstance(structure, Beam | Plate):
+        return solid.influence(structure, np.asarray(sensor_mm), np.asarray(load_mm), width_mm)
     if not width_mm:
         return structure.influence(sensor_mm, load_mm)
     spread = np.clip(np.asarray(load_mm) + width_mm * np.linspace(-0.5, 0.5, PARTS)[:, None], 0.0, structure.length_mm)
@@ -56,6 +59,8 @@ def influence(structure: Structure, sensor_mm: ArrayLike, load_mm: ArrayLike, wi
 def changed(structure: Structure, rigidity: float, fixity: tuple[float, float]) -> Structure:
     """Return a structure with `rigidity` times its rigidity and with the `fixity` of its first and last support.
 
+    The springs of a plate are as much stiffer as the plate: all deflections change alike.
+
     Raises
     ------
     SceneError
@@ -63,6 +68,10 @@ def changed(structure: Structure, rigidity: float, fixity: tuple[float, float]) 
     """
     if isinstance(structure, Beam):
         return changed_beam(structure, rigidity, fixity)
+    if isinstance(structure, Plate):
+        if any(fixity):
+            raise SceneError("fixity: the supports of a plate are free to rotate; give 0 for both")
+        return stiffened_plate(structure, rigidity)
     if any(fixity):
         raise SceneError("fixity: the supports of a measured structure are not known; give 0 for both")
     return structure.scaled(1 / rigidity)

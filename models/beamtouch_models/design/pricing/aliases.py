@@ -52,14 +52,14 @@ def aliased_modes(scene: Scene, reading_mm: float) -> tuple[tuple[Aliased, ...],
 
     The rate is None if there are no such modes, if the mass of the beam is not stated, or if no rate nearby is better.
     """
-    modes = Modes.of(scene.beam, scene.contact.width_mm)
+    modes = Modes.of(scene.solid, scene.contact.width_mm)
     if modes is None or not reading_mm:
         return (), None
     shapes = modes.under(load_positions_mm(scene)) ** 2
     swing_mm = (shapes * modes.square_s2).max(axis=0) * scene.contact.force_range_n[1] / M_PER_MM
     frequency_hz, rate_hz = 1 / (2 * math.pi * np.sqrt(modes.square_s2)), scene.sensors.rate_hz
     seen_hz = _seen_hz(frequency_hz, rate_hz)
-    fall_per_s = 2 * math.pi * frequency_hz * damping_of(scene.beam)
+    fall_per_s = 2 * math.pi * frequency_hz * damping_of(scene.solid)
     lasts_s = np.minimum(
         LEAST_CYCLES / np.maximum(seen_hz, 1e-9), np.log(np.maximum(swing_mm / reading_mm, 1.0)) / fall_per_s
     )

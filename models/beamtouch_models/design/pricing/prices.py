@@ -7,39 +7,28 @@ sum of their prices stays under a tenth. The sum bounds their joint effect.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import Literal
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from beamtouch_common.digits import Rounded, digits
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics import motion
 from beamtouch_models.design.physics.axial import held, holding_mm
-from beamtouch_models.design.physics.beam import influence_matrix
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
+from beamtouch_models.design.pricing.effect import NEGLIGIBLE, Effect, Pricing, Verdict, effect_stated, verdict_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
+from beamtouch_models.design.pricing.of_plates import OF_PLATES
+from beamtouch_models.design.pricing.of_solids import contact_width, dynamics
 from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters.walk import OWN
 from beamtouch_models.numbers import at_most
-from beamtouch_models.places import on_axis, positions_of
+from beamtouch_models.places import positions_of
 from beamtouch_models.runtime.metadata import FilterChoice
 
-Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
-
-NEGLIGIBLE = 0.1
-"""Sum of the prices of the effects that are left out, in units of the noise, is less than this."""
-VERDICTS: dict[Verdict, tuple[str, str]] = {
-    "in": ("included", "the model computes it"),
-    "out": ("left out", f"the prices of all that is left out sum to less than {NEGLIGIBLE:g}"),
-    "floor": ("in intervals", "an error that no filter averages away; the intervals of each answer allow for it"),
-    "not stated": ("not stated", "not known from the scene; the remark says what would tell it"),
-    "not modelled": ("not modelled", "it matters, but no part of the model includes it"),
-}
-"""Words of each verdict for people, with their meaning."""
 MAX_POSITIONS = 401
 """Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
 NEAR = 0.5
@@ -48,92 +37,7 @@ POISSON_RATIO = 0.3
 """Value of most metals; it gives the shear modulus if the scene does not state one."""
 
 
-@dataclass(frozen=True, repr=False)
-class Effect(Rounded):
-    """An effect, priced for a scene."""
-
-    name: str
-    price: float | None
-    """The largest change in deflection that it causes, over the noise of a sample; None if the scene does not state the
-    data for it."""
-    verdict: Verdict
-    """"in" or "out" of the influence matrix; "floor": part of the covariance of every sample; "not modelled": it
-    matters, but no part of the model can include it."""
-    reason: str
-    having: Scene | None = field(default=None, repr=False)
-    lacking: Scene | None = field(default=None, repr=False)
-    """The scene with and without the effect, if the two differ."""
-    leave_out: Callable[[Scene], Scene] | None = field(default=None, repr=False)
-    """Removes the effect from a scene; None if that changes nothing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Pricing:
-    """The data for pricing the effects of a scene."""
-
-    scene: Scene
-    influence: InfluenceFunction
-    """Of the scene as stated."""
-    filter: FilterChoice
-    readings: ReadingErrors
-    sensor_mm: Floats
-    """(sensors,) positions at which effects are priced."""
-
-    @property
-    def noise_mm(self) -> float:
-        """Noise of a sample behind the filter."""
-        return self.readings.behind(self.filter).sample_mm
-
-    @cached_property
-    def load_mm(self) -> Floats:
-        """(loads,) positions of the contacts."""
-        return positions_of(self.influence.place_mm)
-
-    @cached_property
-    def stated_mm(self) -> Floats:
-        """Deflection (loads, sensors) of the scene as stated, at the largest force."""
-        return self.influence.force_n[1] * self.influence.matrix(on_axis(self.sensor_mm))
-
-    @cached_property
-    def price_of_all(self) -> float:
-        """The largest deflection of the scene as stated, in units of the noise."""
-        return self.in_noise(self.stated_mm)
-
-    def price(self, having: Scene, lacking: Scene) -> float:
-        """Return the largest difference in deflection between two scenes, in units of the noise."""
-        deflection = [
-            self.stated_mm if scene is self.scene else self._under_force_mm(scene) for scene in (having, lacking)
-        ]
-        return self.in_noise(deflection[0] - deflection[1])
-
-    def in_noise(self, deflection_mm: Floats) -> float:
-        """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
-        with np.errstate(over="ignore"):
-            price = float(np.abs(deflection_mm).max(initial=0.0) / self.noise_mm)
-        if not math.isfinite(price):
-            message = "sensors: the noise is too small next to the deflection to price effects in; state a larger one"
-            raise SceneError(message)
-        return price
-
-    def _under_force_mm(self, scene: Scene) -> Floats:
-        return scene.contact.force_range_n[1] * influence_matrix(scene, self.sensor_mm, self.load_mm)
-
-
-def verdict_of(price: float) -> Verdict:
-    """Return whether an effect with this price is in the influence matrix."""
-    return "out" if price < NEGLIGIBLE else "in"
-
-
-def _stated(pricing: Pricing, name: str, reason: str, leave_out: Callable[[Scene], Scene]) -> Effect:
-    """Return an effect that the scene states, priced against the scene without it."""
-    lacking = leave_out(pricing.scene)
-    price = pricing.price(pricing.scene, lacking)
-    return Effect(name, price, verdict_of(price), reason, pricing.scene, lacking, leave_out)
-
-
 without_shear = partial(change_scene, beam={"shear_modulus_gpa": None})
-without_width = partial(change_scene, contact={"width_mm": 0.0})
-"""The scene with point contacts."""
 without_foundation = partial(change_scene, beam={"foundation_n_mm2": None})
 """Raises InputError if nothing else supports the beam."""
 without_tolerance = partial(change_scene, sensors={"mounting_tolerance_mm": 0.0})
@@ -153,7 +57,7 @@ def without_steps(scene: Scene) -> Scene:
 def _shear(pricing: Pricing) -> Effect:
     scene, beam = pricing.scene, pricing.scene.beam
     if beam.shear_modulus_gpa is not None:
-        return _stated(pricing, "shear", f"shear modulus {beam.shear_modulus_gpa:g} GPa", without_shear)
+        return effect_stated(pricing, "shear", f"shear modulus {beam.shear_modulus_gpa:g} GPa", without_shear)
     if beam.modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
         return Effect("shear", None, "not stated", "state shear_modulus_gpa, width_mm and thickness_mm")
     modulus = beam.modulus_gpa / (2 * (1 + POISSON_RATIO))
@@ -164,13 +68,6 @@ def _shear(pricing: Pricing) -> Effect:
         return Effect("shear", price, "out", reason, having, scene)
     reason = f"state beam.shear_modulus_gpa to include it, {digits(modulus, 3)} at a Poisson ratio of {POISSON_RATIO:g}"
     return Effect("shear", price, "not modelled", reason, having, scene)
-
-
-def _contact_width(pricing: Pricing) -> Effect:
-    width = pricing.scene.contact.width_mm
-    if width == 0:
-        return Effect("contact width", 0.0, "out", "the scene states a point contact")
-    return _stated(pricing, "contact width", f"{width:g} mm", without_width)
 
 
 def _self_weight(pricing: Pricing) -> Effect:
@@ -185,7 +82,8 @@ def _overhang(pricing: Pricing) -> Effect:
     places = [support.at_mm for support in supports]
     if len(places) < 2 or (places[0] == 0 and places[-1] == scene.beam.length_mm):
         return Effect("overhang", 0.0, "out", "no overhang")
-    off_loads, off_sensors = ((mm < places[0]) | (mm > places[-1]) for mm in (pricing.load_mm, pricing.sensor_mm))
+    positions = positions_of(pricing.load_mm), positions_of(pricing.sensor_mm)
+    off_loads, off_sensors = ((mm < places[0]) | (mm > places[-1]) for mm in positions)
     price = pricing.in_noise(pricing.stated_mm[off_loads[:, None] | off_sensors])
     if price == 0:
         return Effect("overhang", 0.0, "out", "no load or sensor on an overhang")
@@ -218,22 +116,7 @@ def _foundation(pricing: Pricing) -> Effect:
         without_foundation(scene)
     except InputError:
         return Effect("foundation", pricing.price_of_all, "in", f"{reason}; nothing else supports the beam", scene)
-    return _stated(pricing, "foundation", reason, without_foundation)
-
-
-def _dynamics(pricing: Pricing) -> Effect:
-    scene = pricing.scene
-    frequency = motion.first_frequency_hz(scene.beam)
-    if frequency is None:
-        return Effect("dynamics", None, "not stated", "state density_kg_m3 or material, with width_mm and thickness_mm")
-    damping_ratio = motion.damping_of(scene.beam)
-    still = motion.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
-    price = pricing.price_of_all * still
-    assumed = " (assumed)" if scene.beam.damping_ratio is None else ""
-    told = f"rings at {digits(frequency, 3)} Hz, damped by {digits(100 * damping_ratio, 2)} %{assumed}"
-    if price < NEGLIGIBLE:
-        return Effect("dynamics", price, "out", f"{told}; it has decayed once the filter has settled")
-    return Effect("dynamics", price, "not modelled", f"{told}; intervals are wide until it is still")
+    return effect_stated(pricing, "foundation", reason, without_foundation)
 
 
 def _gain_error(pricing: Pricing) -> Effect:
@@ -267,10 +150,10 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
     tolerance_mm = pricing.scene.sensors.mounting_tolerance_mm
     if tolerance_mm == 0:
         return Effect("mounting tolerance", 0.0, "out", "the scene states no tolerance")
-    places = on_axis(pricing.sensor_mm), on_axis(pricing.load_mm)
-    moved = pricing.influence.deviation(*places, tolerance_mm)[..., : pricing.influence.extent.axes]
+    moved = pricing.influence.deviation(pricing.sensor_mm, pricing.load_mm, tolerance_mm)[..., : pricing.influence.extent.axes]
     price = pricing.in_noise(pricing.influence.force_n[1] * moved)
-    reason = f"+- {tolerance_mm:g} mm along the beam; `calibrate` finds the true positions"
+    along = "the beam" if pricing.influence.extent.axes == 1 else "each axis"
+    reason = f"+- {tolerance_mm:g} mm along {along}; `calibrate` finds the true positions"
     verdict: Verdict = "out" if price < NEGLIGIBLE else "floor"
     return Effect("mounting tolerance", price, verdict, reason, leave_out=without_tolerance)
 
@@ -349,7 +232,7 @@ def _interpolation(pricing: Pricing) -> Effect:
     name, table = "interpolation", pricing.influence.interpolation
     if table is None:
         return Effect(name, 0.0, "out", "the influence function is known everywhere")
-    deviation = table.deviation_at(on_axis(pricing.sensor_mm), on_axis(pricing.load_mm))
+    deviation = table.deviation_at(pricing.sensor_mm, pricing.load_mm)
     price = pricing.in_noise(pricing.influence.force_n[1] * deviation)
     reason = f"of a table of places {digits(table.spacing_mm, 3)} mm apart"
     if price > 1 and not math.isnan(table.order):
@@ -363,7 +246,7 @@ def _repeatability(pricing: Pricing) -> Effect:
     name, table = "repeatability", pricing.influence.interpolation
     if table is None or table.repeats is None:
         return Effect(name, 0.0, "out", "the influence function is exact")
-    scatter = pricing.influence.force_n[1] * table.repeats(on_axis(pricing.sensor_mm), on_axis(pricing.load_mm[:1]))
+    scatter = pricing.influence.force_n[1] * table.repeats(pricing.sensor_mm, pricing.load_mm[:1])
     return Effect(
         name, pricing.in_noise(scatter), "floor", "loads that are put on anew at the same place differ by this"
     )
@@ -371,12 +254,12 @@ def _repeatability(pricing: Pricing) -> Effect:
 
 OF_BEAMS: tuple[Callable[[Pricing], Effect], ...] = (
     _shear,
-    _contact_width,
+    contact_width,
     _self_weight,
     _overhang,
     _steps,
     _foundation,
-    _dynamics,
+    dynamics,
 )
 OF_SENSORS: tuple[Callable[[Pricing], Effect], ...] = (
     _sensor_curve,
@@ -399,7 +282,7 @@ def effects_of(
     ----------
     scene, influence : the scene, and its influence function as stated
     chosen, readings : the filter of its model, and the errors of its readings
-    allowed_mm : (positions,) where sensors may stand, ascending
+    allowed_mm : (places, axes) where sensors may stand, ascending
 
     Raises
     ------
@@ -408,8 +291,13 @@ def effects_of(
     """
     indices = np.linspace(0, len(allowed_mm) - 1, min(len(allowed_mm), MAX_POSITIONS)).round().astype(np.intp)
     pricing = Pricing(scene, influence, chosen, readings, allowed_mm[indices])
-    of_structure = (*OF_BEAMS, *OF_SENSORS, *OF_HEAT) if scene.has_beam else (*OF_TABLES, *OF_SENSORS, _sensor_drift)
-    return _include_too_many([price(pricing) for price in of_structure])
+    if scene.has_beam:
+        priced = (*OF_BEAMS, *OF_SENSORS, *OF_HEAT)
+    elif scene.plate is not None:
+        priced = (*OF_PLATES, *OF_SENSORS, _sensor_drift)
+    else:
+        priced = (*OF_TABLES, *OF_SENSORS, _sensor_drift)
+    return _include_too_many([price(pricing) for price in priced])
 
 
 def without_negligible(scene: Scene, effects: Sequence[Effect]) -> Scene:

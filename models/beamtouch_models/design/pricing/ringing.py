@@ -45,7 +45,7 @@ class Ringing(Rounded):
     better_rate_hz: float | None
     """A rate nearby at which fewer do; None if there are none, or no better rate."""
     unseen_swing: float
-    """Swing that readings do not show, over that which they show; intervals allow for it while the beam rings."""
+    """Swing that readings do not show, over that which they show; intervals allow for it while the structure rings."""
     better_unseen_swing: float | None
     """The same at the better rate."""
 
@@ -60,10 +60,10 @@ def ringing_of(scene: Scene, reading_mm: float, deflection_mm: float) -> Ringing
     SceneError
         The frequency or the deflection cannot be computed.
     """
-    frequency_hz, laden_s = first_frequency_hz(scene.beam), laden_period_s(scene)
+    frequency_hz, laden_s = first_frequency_hz(scene.solid), laden_period_s(scene)
     if frequency_hz is None or laden_s is None:
         return None
-    damping_ratio, laden_hz = damping_of(scene.beam), 1 / laden_s
+    damping_ratio, laden_hz = damping_of(scene.solid), 1 / laden_s
     aliased, better_rate_hz = aliased_modes(scene, reading_mm)
     return Ringing(
         frequency_hz=frequency_hz,
@@ -71,7 +71,7 @@ def ringing_of(scene: Scene, reading_mm: float, deflection_mm: float) -> Ringing
         damping_ratio=damping_ratio,
         after_touch_s=decay_s(deflection_mm / reading_mm, laden_hz, damping_ratio),
         after_lift_s=decay_s(deflection_mm / reading_mm, frequency_hz, damping_ratio),
-        damping_is_assumed=scene.beam.damping_ratio is None,
+        damping_is_assumed=scene.solid.damping_ratio is None,
         aliased=aliased,
         better_rate_hz=better_rate_hz,
         unseen_swing=unseen_of(aliased),
@@ -92,7 +92,7 @@ def describe_ringing(found: Ringing) -> list[str]:
     """Return the ringing in words, one line each."""
     assumed = ASSUMED if found.damping_is_assumed else ""
     return [
-        f"the beam rings at {digits(found.frequency_hz, 3)} Hz, with the largest force lying on it as a weight at "
+        f"the structure rings at {digits(found.frequency_hz, 3)} Hz, with the largest force lying on it as a weight at "
         f"{digits(found.laden_frequency_hz, 3)} Hz; damping {digits(100 * found.damping_ratio, 2)} % of "
         f"critical{assumed}",
         f"after a touch it rings for up to {digits(found.after_touch_s, 2)} s, after a lift for up to "
@@ -109,7 +109,7 @@ def _told_of_rates(found: Ringing) -> list[str]:
     if not found.aliased:
         return []
     share = digits(100 * found.unseen_swing, 2)
-    cost = f"while the beam rings, intervals therefore allow for {share} % of its swing"
+    cost = f"while the structure rings, intervals therefore allow for {share} % of its swing"
     if found.better_rate_hz is None or found.better_unseen_swing is None:
         return [cost]
     less = digits(100 * found.better_unseen_swing, 2)
@@ -146,7 +146,7 @@ def ringing_mm(scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping
            [1. ]])
     """
     omega = 2 * math.pi * frequency_hz(scene)
-    ratio = damping_of(scene.beam) if damping_ratio is None else number(damping_ratio, "damping_ratio")
+    ratio = damping_of(scene.solid) if damping_ratio is None else number(damping_ratio, "damping_ratio")
     if not 0 < ratio < 1:
         raise SceneError(f"damping_ratio = {ratio:g} must be more than 0 and less than 1")
     static = numbers(static_mm, "static_mm", least=-MAX_DEFLECTION_MM, most=MAX_DEFLECTION_MM)

@@ -4,6 +4,7 @@
 """
 
 import json
+import math
 from collections.abc import Mapping
 from itertools import chain
 from pathlib import Path
@@ -17,7 +18,9 @@ from beamtouch_common.files import parse_toml, read_text, validate
 from beamtouch_models.design.rates import MAX_FALSE, max_false_per_day
 from beamtouch_models.design.scene.beam import Beam, identity_of_beam
 from beamtouch_models.design.scene.measured import FOLDER, Measured, identity_of_measured
+from beamtouch_models.design.scene.plate import Plate, identity_of_plate
 from beamtouch_models.design.scene.plausible import in_other_units, misplaced, not_of_measured
+from beamtouch_models.design.scene.plausible_plate import implausible_plate
 from beamtouch_models.design.scene.tables import Contact, Environment, Requirements, Sensors, Strict
 from beamtouch_models.errors import SceneError, require
 
@@ -36,16 +39,17 @@ class Scene(Strict):
 
     # A file needs a structure; a scene without one is for scripts.
     model_config = ConfigDict(
-        serialize_by_alias=True,
         json_schema_extra={
             "required": ["contact", "sensors"],
-            "oneOf": [{"required": ["beam"]}, {"required": ["measured"]}],
+            "oneOf": [{"required": ["beam"]}, {"required": ["plate"]}, {"required": ["measured"]}],
         },
     )
 
     stated_beam: Beam | None = Field(default=None, alias="beam")
-    """The beam, with its supports and its foundation. Only a measured structure, or one whose influence function a
-    script gives in its place, has none."""
+    """The beam, with its supports and its foundation. Only a plate, a measured structure, or one whose influence
+    function a script gives in its place, has none."""
+    plate: Plate | None = None
+    """A plate with its supports, in place of a beam. Its places have two axes."""
     measured: Measured | None = None
     """A structure whose influence was measured, in place of a beam."""
     contact: Contact
@@ -59,13 +63,16 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _on_the_beam(self) -> Self:
+        self._check_axes()
         # Units come first: the other checks stumble over a number in another one.
         if (beam := self.stated_beam) is not None and (
             message := next(chain(in_other_units(beam), misplaced(beam, self.contact, self.sensors)), "")
         ):
             raise ValueError(message)
-        if beam is not None and self.measured is not None:
-            raise ValueError("state either beam or measured, not both")
+        if self.plate is not None and (
+            message := next(implausible_plate(self.plate, self.contact, self.sensors), "")
+        ):
+            raise ValueError(message)
         if self.measured is not None and (
             message := next(not_of_measured(self.measured, self.contact, self.sensors), "")
         ):
@@ -73,6 +80,20 @@ class Scene(Strict):
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
             raise ValueError(f"sensors.count = {list(self.sensors.count_range)}: the first must not exceed the second")
         return self
+
+    def _check_axes(self) -> None:
+        """Raise ValueError if contact or sensors have other axes than the structure, or if there are two structures."""
+        structures = {"beam": self.stated_beam, "plate": self.plate, "measured": self.measured}
+        stated = [name for name, structure in structures.items() if structure is not None]
+        if len(stated) > 1:
+            raise ValueError(f"state either {stated[0]} or {stated[1]}, not both")
+        axes = len(self.contact.ranges_mm)
+        if self.plate is not None and axes == 1:
+            raise ValueError("contact has position_mm, but a plate has two axes; state x_mm and y_mm in its place")
+        others = ("fixed_mm", "keep_out_mm") if axes == 2 else ("fixed", "keep_out")
+        if wrong := [key for key in others if getattr(self.sensors, key)]:
+            where, right = ("a beam", wrong[0].removesuffix("_mm")) if axes == 2 else ("a plate", f"{wrong[0]}_mm")
+            raise ValueError(f"sensors.{wrong[0]} is for {where}; write sensors.{right} here")
 
     @model_validator(mode="after")
     def _within_reason(self) -> Self:
@@ -94,12 +115,34 @@ class Scene(Strict):
 
     @property
     def has_beam(self) -> bool:
-        """True if the structure is a beam; otherwise it is measured, or its influence function given by a script."""
+        """True if the structure is a beam."""
         return self.stated_beam is not None
 
     @property
+    def is_computed(self) -> bool:
+        """True if theory computes the structure; otherwise it is measured, or a script gives its influence function."""
+        return self.stated_beam is not None or self.plate is not None
+
+    @property
+    def solid(self) -> Beam | Plate:
+        """The beam or the plate; SceneError if the scene states neither."""
+        return self.beam if self.plate is None else self.plate
+
+    @property
+    def size_mm(self) -> tuple[float, ...]:
+        """Length of the structure along each axis; SceneError if the scene states none."""
+        return (self.length_mm,) if self.plate is None else self.plate.size_mm
+
+    @property
+    def diagonal_mm(self) -> float:
+        """Length of which errors are a percentage: that of a beam, the diagonal of a plate."""
+        return math.hypot(*self.size_mm)
+
+    @property
     def length_mm(self) -> float:
-        """Length of the structure; SceneError if the scene states none."""
+        """Length of a structure of one axis, or of a plate along x; SceneError if the scene states none."""
+        if self.plate is not None:
+            return self.plate.length_x_mm
         return self.beam.length_mm if self.measured is None else self.measured.end_mm
 
     @property
@@ -119,7 +162,7 @@ class Scene(Strict):
     @property
     def fewest(self) -> int:
         """Smallest number of sensors to consider: never less than the fixed ones."""
-        return max(self.count_range[0], len(self.sensors.fixed_mm))
+        return max(self.count_range[0], self.sensors.fixed_count)
 
     @property
     def beam(self) -> Beam:
@@ -171,7 +214,8 @@ def make_scene(**tables: Mapping[str, Any]) -> Scene:
     """Make a scene of its tables, with the keys of a scene file.
 
     `beam`: length_mm, width_mm, thickness_mm, material (or youngs_modulus_gpa, density_kg_m3), supports, ...
-    `contact`: force_n (one number, or a range), force_tolerance_percent, position_mm (a range), width_mm.
+    `plate`, in its place: length_x_mm, length_y_mm, thickness_mm, material, supports, support_stiffness_n_per_mm, ...
+    `contact`: force_n (one number, or a range), force_tolerance_percent, position_mm (a range; of a plate x_mm and y_mm), width_mm.
     `sensors`: noise_mm (of one reading), rate_hz, count, range_mm, size_mm, gain_error_percent, zero_drift_mm, ...
     `requirements`: latency_ms, position_error_mm, descriptors, false_contacts_per_day, ...
     `environment`: temperature_range_k, drift_um_per_min.
@@ -240,6 +284,8 @@ def identity_of(scene: Scene, sensors_mm: Mapping[str, float]) -> str:
     """
     if scene.measured is not None:
         return identity_of_measured(scene.measured, sensors_mm)
+    if scene.plate is not None:
+        return identity_of_plate(scene.plate, places_mm)
     return identity_of_beam(scene.beam, sensors_mm)
 
 
@@ -268,7 +314,7 @@ def load_scene(path: Path) -> tuple[Scene, str]:
     scene = _parse_file(path, text)
     if scene.measured is not None:
         return scene, format_scene(scene)
-    if not scene.has_beam:
+    if not scene.is_computed:
         raise InputError(f"{path}: beam is missing; add it")
     return scene, text
 

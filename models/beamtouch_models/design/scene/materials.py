@@ -21,6 +21,9 @@ class Material:
     expansion_um_per_m_k: float
     """Coefficient of linear thermal expansion."""
     source: str
+    poisson_ratio: float = 0.3
+    """Lateral contraction over elongation, which stiffens plates: steel, EN 1993-1-1, 3.2.6; aluminium, EN 1999-1-1,
+    3.2.5; glass, EN 572-1; brass, table I-2 of Gere & Goodno; plastics, data sheets; glass fibre, NEMA LI 1."""
     strength_mpa: float | None = None
     """Stress at which a usual, weak grade yields or breaks; None where grades differ too much for one number."""
     grade: str = ""
@@ -45,22 +48,24 @@ MATERIALS: dict[MaterialName, Material] = {
         206.0, (185.0, 215.0), 7850.0, 12.0, "EN 10270-1:2011 and EN 13906-1:2013; expansion as steel"
     ),
     "aluminium": Material(70.0, (68.0, 79.0), 2700.0, 23.0, f"EN 1999-1-1:2007, 3.2.5; range: {GERE}"),
-    "brass": Material(103.0, (96.0, 110.0), 8500.0, 20.0, f"{GERE}, middles of the ranges"),
+    "brass": Material(103.0, (96.0, 110.0), 8500.0, 20.0, f"{GERE}, middles of the ranges", poisson_ratio=0.34),
     "glass": Material(70.0, (48.0, 83.0), 2500.0, 9.0, f"EN 572-1:2012, soda-lime; range over all glasses: {GERE}",
-        strength_mpa=45.0, grade="float glass breaks: EN 572-1",),
+        poisson_ratio=0.2, strength_mpa=45.0, grade="float glass breaks: EN 572-1",),
     "acrylic": Material(
         3.3, (2.2, 3.8), 1190.0, 70.0,
         "PMMA; data sheets of Plexiglas GS and XT (ISO 527-2, ISO 1183); the modulus falls as it warms and creeps",
+        poisson_ratio=0.37,
     ),
     "polycarbonate": Material(
         2.4, (2.0, 2.5), 1200.0, 65.0,
         "data sheets of Makrolon (ISO 527, ISO 1183, ISO 11359), 65 to 70 um/(m K); it creeps: 1.9 GPa after 1000 h",
-        strength_mpa=60.0, grade="it yields: data sheets of Makrolon, ISO 527",
+        poisson_ratio=0.38, strength_mpa=60.0, grade="it yields: data sheets of Makrolon, ISO 527",
     ),
     "glass-fibre": Material(
         20.0, (15.0, 28.0), 1850.0, 14.0,
         "woven glass in epoxy, G-10 and FR-4: NEMA LI 1 (18.6 GPa lengthwise, 15.2 crosswise, 9 um/(m K)); "
         "IEC 60893-3-2, EP GC 202 (24 GPa); it scatters with weave, direction and glass content",
+        poisson_ratio=0.14,
     ),
 }  # fmt: skip
 """Values at room temperature."""

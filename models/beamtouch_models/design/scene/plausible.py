@@ -7,6 +7,7 @@ from itertools import pairwise
 from beamtouch_common.digits import digits
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.scene.measured import Measured
+from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.scene.tables import Contact, Sensors
 
 MM_PER_M, UM_PER_MM = 1000, 1000
@@ -45,14 +46,19 @@ def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
     for start, end in sensors.keep_out_mm:
         if end <= 0 or start >= length:
             yield f"sensors.keep_out_mm has [{start:g}, {end:g}], off {on_the_beam}; correct it, or remove it"
+    yield from too_noisy(sensors)
+    if sensors.size_mm >= length:
+        yield f"sensors.size_mm = {sensors.size_mm:g} must be less than beam.length_mm = {length:g}"
+    yield from too_close(length, beam.held_mm, sensors, sensors.fixed_mm, "sensors: fixed_mm has")
+
+
+def too_noisy(sensors: Sensors) -> Iterator[str]:
+    """Yield what to change in a noise that the range of a sensor contradicts."""
     if sensors.noise_mm is not None and sensors.noise_mm > NOISIEST * (sensors.range_mm[1] - sensors.range_mm[0]):
         yield (
             f"sensors.noise_mm = {sensors.noise_mm:g} is more than a tenth of range_mm; if it is in um, write "
             f"{sensors.noise_mm / UM_PER_MM:g}"
         )
-    if sensors.size_mm >= length:
-        yield f"sensors.size_mm = {sensors.size_mm:g} must be less than beam.length_mm = {length:g}"
-    yield from too_close(length, beam.held_mm, sensors, sensors.fixed_mm, "sensors: fixed_mm has")
 
 
 def not_of_measured(measured: Measured, contact: Contact, sensors: Sensors) -> Iterator[str]:
@@ -159,25 +165,35 @@ def _sizes(beam: Beam) -> Iterator[str]:
 
 
 def _properties(beam: Beam) -> Iterator[str]:
-    moduli = ("youngs_modulus_gpa", beam.youngs_modulus_gpa), ("shear_modulus_gpa", beam.shear_modulus_gpa)
-    for key, modulus in moduli:
-        if modulus is not None and modulus > STIFFEST_GPA:
-            fits = [(unit, modulus / times) for unit, times, least in UNITS if least <= modulus / times <= STIFFEST_GPA]
-            advice = f"if it is in {fits[0][0]}, write {digits(fits[0][1], 4)}" if fits else "state it in GPa"
-            yield f"beam.{key} = {modulus:g} is more than any material has; {advice}"
-    density, expansion = beam.density_kg_m3, beam.expansion_um_per_m_k
+    if beam.shear_modulus_gpa is not None:
+        yield from _too_stiff("beam.shear_modulus_gpa", beam.shear_modulus_gpa)
+    yield from implausible_material("beam", beam)
+    young, shear = beam.modulus_gpa, beam.shear_modulus_gpa
+    if young is not None and shear is not None and shear >= young:
+        yield f"beam.shear_modulus_gpa = {shear:g} must be less than Young's modulus, {young:g}; metals have 0.38 of it"
+
+
+def _too_stiff(key: str, modulus: float) -> Iterator[str]:
+    if modulus > STIFFEST_GPA:
+        fits = [(unit, modulus / times) for unit, times, least in UNITS if least <= modulus / times <= STIFFEST_GPA]
+        advice = f"if it is in {fits[0][0]}, write {digits(fits[0][1], 4)}" if fits else "state it in GPa"
+        yield f"{key} = {modulus:g} is more than any material has; {advice}"
+
+
+def implausible_material(table: str, solid: Beam | Plate) -> Iterator[str]:
+    """Yield what to change in a modulus, density or expansion that no material has."""
+    if solid.youngs_modulus_gpa is not None:
+        yield from _too_stiff(f"{table}.youngs_modulus_gpa", solid.youngs_modulus_gpa)
+    density, expansion = solid.density_kg_m3, solid.expansion_um_per_m_k
     if density is not None and density < LIGHTEST_KG_M3:
         right = 1000 * density
-        yield f"beam.density_kg_m3 = {density:g} is less than any material has; if it is in g/cm3, write {right:g}"
+        yield f"{table}.density_kg_m3 = {density:g} is less than any material has; if it is in g/cm3, write {right:g}"
     if expansion is not None and expansion < MIN_EXPANSION:
-        key, right = "beam.expansion_um_per_m_k", 1e6 * expansion
+        key, right = f"{table}.expansion_um_per_m_k", 1e6 * expansion
         yield f"{key} = {expansion:g} is less than any material has; if it is in 1/K, write {right:g}"
     for key, value, most, unit in (
         ("density_kg_m3", density, HEAVIEST_KG_M3, "kg/m3"),
         ("expansion_um_per_m_k", expansion, MAX_EXPANSION, "um/(m K)"),
     ):
         if value is not None and value > most:
-            yield f"beam.{key} = {value:g} is more than any material has; state it in {unit}"
-    young, shear = beam.modulus_gpa, beam.shear_modulus_gpa
-    if young is not None and shear is not None and shear >= young:
-        yield f"beam.shear_modulus_gpa = {shear:g} must be less than Young's modulus, {young:g}; metals have 0.38 of it"
+            yield f"{table}.{key} = {value:g} is more than any material has; state it in {unit}"

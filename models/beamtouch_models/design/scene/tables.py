@@ -39,7 +39,9 @@ GainError = Annotated[float, Field(ge=0, json_schema_extra={"maximum": MAX_GAIN_
 class Strict(BaseModel):
     """Base class of what a user states: immutable, refuses unknown keys, converts no types."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True, serialize_by_alias=True
+    )
 
 
 class Contact(Strict):
@@ -62,7 +64,8 @@ class Contact(Strict):
     y_mm: Pair | None = None
     """On a structure of two axes: range along the second one."""
     width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Length over which a contact presses evenly, centred at its position; 0 is a point."""
+    """Length over which a contact presses evenly, centred at its position; on a plate, the side of a square. 0 is a
+    point."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -135,8 +138,33 @@ class Environment(Strict):
         return self
 
 
+class Place(Strict):
+    """A place on a plate."""
+
+    x_mm: Finite
+    """Distance from the left edge."""
+    y_mm: Finite
+    """Distance from the lower edge."""
+
+
+class Rectangle(Strict):
+    """A part of a plate."""
+
+    x_mm: Pair
+    """From and to along x, from the left edge."""
+    y_mm: Pair
+    """From and to along y, from the lower edge."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for key, (low, high) in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
+            if low >= high:
+                raise ValueError(f"{key} = {[low, high]}: the first must be less than the second")
+        return self
+
+
 class Sensors(Strict):
-    """The proximity sensors under the beam, all of the same kind."""
+    """The proximity sensors under the beam or the plate, all of the same kind."""
 
     count: (
         Literal["auto"]
@@ -154,7 +182,7 @@ class Sensors(Strict):
     zero_drift_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Standard deviation of each sensor's zero since the last tare; by default a fifth of the noise of a reading."""
     mounting_tolerance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Standard deviation of each sensor's position along the beam."""
+    """Standard deviation of each sensor's position along the beam, or along each axis of a plate."""
     rate_hz: PositiveFinite = 100.0
     """Readings per second."""
     range_mm: PositivePair = (1.0, 4.0)
@@ -166,18 +194,23 @@ class Sensors(Strict):
     drift_um_per_k: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Largest drift of a sensor's zero with the temperature. It adds to `zero_drift_mm`."""
     size_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 8.0
-    """Width of a sensor's housing along the beam. Housings do not overlap each other, a support or a keep-out, and do
+    """Width of a sensor's housing along the beam; on a plate, its diameter. Housings do not overlap each other, a support or a keep-out, and do
     not reach beyond an end of the beam, a free one included: half a target would change the characteristic. 0: sensors
     are points, and may stand at a free end."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """Smallest distance between two sensors, from centre to centre; it holds beside `size_mm`."""
     keep_out_mm: list[Pair] = Field(default_factory=list)
     """Stretches of the beam that no housing may reach into; it may touch their ends."""
+    keep_out: Annotated[tuple[Rectangle, ...], Field(strict=False)] = ()
+    """The same on a plate, rectangles: [{ x_mm = [0, 40], y_mm = [100, 200] }, ...]."""
     fixed_mm: list[Finite] = Field(default_factory=list)
     """Positions of sensors that are already decided, from the left end to the centre of the housing. They keep the same
     rules as other sensors."""
-    grid_mm: PositiveFinite = 1.0
-    """Sensors are placed at multiples of this, from the left end of the beam."""
+    fixed: Annotated[tuple[Place, ...], Field(strict=False)] = ()
+    """The same on a plate: [{ x_mm = 20, y_mm = 20 }, ...]."""
+    stated_grid_mm: PositiveFinite | None = Field(default=None, alias="grid_mm")
+    """Sensors are placed at multiples of this, from the left end of the beam or the edges of the plate; by default 1 on
+    a beam, and on a plate so that its longer side has some 40."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -190,9 +223,23 @@ class Sensors(Strict):
         twice = [place for place in self.fixed_mm if self.fixed_mm.count(place) > 1]
         if twice:
             raise ValueError(f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a position")
+        if same := [place for place in self.fixed if self.fixed.count(place) > 1]:
+            raise ValueError(
+                f"fixed names {same[0].x_mm:g}, {same[0].y_mm:g} mm twice; two sensors cannot share a place"
+            )
         if any(start >= end for start, end in self.keep_out_mm):
             raise ValueError("keep_out_mm: the start of a stretch must be less than its end")
         return self
+
+    @property
+    def grid_mm(self) -> float:
+        """Step of the places of sensors on a beam."""
+        return 1.0 if self.stated_grid_mm is None else self.stated_grid_mm
+
+    @property
+    def fixed_count(self) -> int:
+        """Number of sensors that are already decided."""
+        return len(self.fixed_mm) + len(self.fixed)
 
     @property
     def count_range(self) -> tuple[int, int]:

@@ -28,7 +28,7 @@ from beamtouch_models.design.charts import STYLE, Chart, Series, draw
 from beamtouch_models.design.placement.eigenvalue_product import principal_components
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, score_layout
 from beamtouch_models.design.placement.reasons import Costs
-from beamtouch_models.design.pricing.prices import NEGLIGIBLE, VERDICTS
+from beamtouch_models.design.pricing.effect import NEGLIGIBLE, VERDICTS
 from beamtouch_models.design.pricing.ringing import describe_ringing
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.sweeps import Progress

@@ -1,0 +1,125 @@
+"""Prices of the effects of plates."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from beamtouch_common.digits import digits
+from beamtouch_models.design.physics.motion import GRAVITY, point_masses, sag_mm
+from beamtouch_models.design.physics.plate import load_places_mm, supported_plate
+from beamtouch_models.design.pricing.effect import NEGLIGIBLE, Effect, Pricing
+from beamtouch_models.design.pricing.of_solids import contact_width, dynamics
+from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene.beam import SHEAR_COEFFICIENT
+from beamtouch_models.design.scene.plate import Plate
+from beamtouch_models.errors import SceneError
+from beamtouch_models.numbers import at_least, at_most
+
+MOST_BENT, MUCH_BENT = 0.5, 0.2
+"""Deflections over the thickness beyond which a plate is refused, and from which on a price says so."""
+STRETCH = 0.262
+"""By how much of (deflection / thickness)^2 stretching makes the deflection of a round plate smaller that is simply
+supported and free to slide; Timoshenko & Woinowsky-Krieger, Theory of Plates and Shells, 1959, table 82."""
+
+
+def bend_over_thickness(scene: Scene, plate: Plate) -> float:
+    """Return the largest deflection over the thickness under the largest force and the own weight.
+
+    That a plate sinks or tilts on its springs is no part of it.
+    """
+    solved, loads = supported_plate(plate), load_places_mm(scene, plate)
+    size = np.array(plate.size_mm)
+    rim = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.0, 0.5], [1.0, 0.5], [0.0, 1.0], [0.5, 1.0], [1.0, 1.0]]) * size
+    at_mm = np.concatenate([loads, rim])
+    bent_mm = scene.contact.force_range_n[1] * solved.bends(at_mm, loads, scene.contact.width_mm)
+    if (points := point_masses(plate)) is not None:
+        places, masses = points
+        bent_mm = bent_mm + GRAVITY * masses @ solved.bends(at_mm, places)
+    return float(np.abs(bent_mm).max()) / plate.thickness_mm
+
+
+def check_linear(scene: Scene, plate: Plate) -> None:
+    """Raise SceneError if a plate bends by more than half its thickness, where linear theory ends."""
+    bent = bend_over_thickness(scene, plate)
+    if bent > MOST_BENT:
+        force_n, thicker = scene.contact.force_range_n[1], plate.thickness_mm * math.sqrt(math.sqrt(bent / MOST_BENT))
+        raise SceneError(
+            f"at {force_n:g} N the plate bends by {digits(bent, 2)} of its thickness, with its own weight; beyond "
+            f"{MOST_BENT:g} it stretches, and linear theory does not hold: write plate.thickness_mm = "
+            f"{at_least(thicker):g} or more, or end contact.force_n at {at_most(force_n * MOST_BENT / bent):g} N"
+        )
+
+
+def _shear(pricing: Pricing) -> Effect:
+    """Price shear by the sum of moments, -D (w_xx + w_yy), over kappa G t.
+
+    That is exact on polygons with simply supported edges, under loads away from the sensor; Wang, Relationship between
+    Mindlin and Kirchhoff bending solutions, J. Eng. Mech. 120 (1994).
+    """
+    scene, plate = pricing.scene, _plate_of(pricing)
+    solved, size = supported_plate(plate), np.array(plate.size_mm)
+    modulus_n_mm2 = plate.modulus_gpa * 1e3 / (2 * (1 + plate.poisson))
+    moments = plate.rigidity_n_mm * solved.curvatures(pricing.sensor_mm, pricing.load_mm, scene.contact.width_mm)
+    # Closer to its load than the thickness, no plate theory holds.
+    apart = np.linalg.norm((pricing.load_mm[:, None] - pricing.sensor_mm) / size, axis=2) * float(size.max())
+    moments = np.where(apart >= plate.thickness_mm, moments, 0.0)
+    shear_mm = scene.contact.force_range_n[1] * moments / (SHEAR_COEFFICIENT * modulus_n_mm2 * plate.thickness_mm)
+    price = pricing.in_noise(shear_mm)
+    if price < NEGLIGIBLE:
+        return Effect("shear", price, "out", "the plate is thin (Mindlin's theory, estimated)")
+    reason = "the plate is thick, and yields to shear beside its loads (Mindlin's theory, estimated); calibrate"
+    return Effect("shear", price, "not modelled", reason)
+
+
+def _large_deflection(pricing: Pricing) -> Effect:
+    bent = bend_over_thickness(pricing.scene, _plate_of(pricing))
+    share = STRETCH * bent**2
+    price = pricing.in_noise(np.array([share * bent * _plate_of(pricing).thickness_mm]))
+    told = f"the plate bends by {digits(100 * bent, 2)} % of its thickness"
+    if price < NEGLIGIBLE:
+        return Effect("large deflection", price, "out", told)
+    near = ", more than a fifth: near its end of linear theory, a half" if bent > MUCH_BENT else ""
+    reason = f"{told}{near}; stretching makes this some {digits(100 * share, 1)} % less (estimated)"
+    return Effect("large deflection", price, "not modelled", reason)
+
+
+def _self_weight(pricing: Pricing) -> Effect:
+    # Deflections are linear in the load: after a tare, a contact adds the same deflection with or without the weight.
+    sag = sag_mm(_plate_of(pricing))
+    told = "" if sag is None else f"; set the gaps with the plate in place, as it sinks by {digits(sag, 3)} mm"
+    return Effect("self-weight", 0.0, "out", f"constant, so a tare removes it{told}")
+
+
+def _heat(pricing: Pricing) -> Effect:
+    """Say how far a difference of temperature between the faces bows a plate: alpha dT l^2 / (8 t) along its diagonal.
+
+    Timoshenko & Woinowsky-Krieger, 1959, art. 14.
+    """
+    plate = _plate_of(pricing)
+    name, expansion = "heat from one side", plate.expansion_per_k
+    if expansion is None:
+        return Effect(name, None, "not stated", "state plate.material or expansion_um_per_m_k")
+    bow_um = 1e3 * expansion * math.hypot(*plate.size_mm) ** 2 / (8 * plate.thickness_mm)
+    reason = (
+        f"1 K between its faces bows it by {digits(bow_um, 2)} um; a rest removes that. Supports are taken to let it "
+        "slide as it warms"
+    )
+    return Effect(name, None, "not stated", reason)
+
+
+def _plate_of(pricing: Pricing) -> Plate:
+    plate = pricing.scene.plate
+    if plate is None:
+        raise SceneError("plate is missing; add it")
+    return plate
+
+
+OF_PLATES: tuple[Callable[[Pricing], Effect], ...] = (
+    _shear,
+    _large_deflection,
+    contact_width,
+    _self_weight,
+    dynamics,
+    _heat,
+)
