@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from beamtouch_models.arrays import Floats
 
@@ -23,6 +24,32 @@ def positions_of(place_mm: Floats) -> Floats:
     if place_mm.shape[1] != 1:
         raise ValueError(f"positions are of one axis, here are {place_mm.shape[1]}")
     return place_mm[:, 0]
+
+
+Place = float | tuple[float, ...]
+"""A place as a user states it: a position on a beam, one number an axis on a plate."""
+
+
+def in_rows(places_mm: ArrayLike, axes: int) -> Floats:
+    """Return places (places, axes) of positions (places,) on a beam, or of places on more axes."""
+    return np.reshape(np.asarray(places_mm, dtype=np.float64), (-1, axes))
+
+
+def as_stated(place_mm: Floats) -> Floats:
+    """Return places (places, axes) as users state them: positions (places,) on a beam."""
+    return place_mm[:, 0] if place_mm.shape[1] == 1 else place_mm
+
+
+def in_words(place_mm: ArrayLike) -> str:
+    """Return a place in words, without its unit: `120`, or `(120, 80)` on more axes."""
+    numbers = [f"{number:g}" for number in np.atleast_1d(place_mm)]
+    return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
+
+
+def distances_mm(apart_mm: Floats) -> Floats:
+    """Return the lengths (...) of vectors between places (..., axes)."""
+    lengths: Floats = np.hypot.reduce(np.abs(apart_mm), axis=-1)
+    return lengths
 
 
 def along_axis(count: int, axes: int) -> int:
@@ -84,7 +111,12 @@ class Extent:
 
     def middles(self, along: int) -> Floats:
         """Return the middles of equal parts of the extent, `along` each axis, (parts, axes)."""
-        return self.at(grid_of([(np.arange(along) + 0.5) / along] * self.axes))
+        return grid_of(self.middle_ticks(along))
+
+    def middle_ticks(self, along: int) -> list[Floats]:
+        """Return the coordinates of these middles along each axis, arrays (along,)."""
+        share = (np.arange(along) + 0.5) / along
+        return [low + (high - low) * share for low, high in self.ranges_mm]
 
     def uniform(self, count: int, rng: np.random.Generator) -> Floats:
         """Draw places (count, axes)."""

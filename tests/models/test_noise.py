@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from beamtouch_models.design.pricing.noise import step_mm
 from beamtouch_models.design.pricing.effect import Effect
+from beamtouch_models.design.pricing.noise import step_mm
 from beamtouch_models.design.scene import Requirements, Scene
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError

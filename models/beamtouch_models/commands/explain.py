@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> Result:
     surface.check()
     effects = [_as_json(effect) for effect in surface.effects]
     noise, ringing = surface.readings.behind(surface.filter), surface.ringing
-    rings = describe_ringing(ringing) if ringing else []
+    rings = describe_ringing(ringing, "beam" if scene.has_beam else "plate") if ringing else []
     fields = {
         "effects": effects,
         "noise_mm": noise.sample_mm,

@@ -27,9 +27,12 @@ from beamtouch_models.design.accuracy.thresholds import (
 )
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.estimators.estimator import Estimator, estimator_of
+from beamtouch_models.design.physics.plate import places_on
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_layout
 from beamtouch_models.design.pricing.noise import check_scale
+from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.scene.plausible import too_close
+from beamtouch_models.design.scene.plausible_plate import too_close_on_plate, xy_of
 from beamtouch_models.design.scene.tables import MAX_SENSORS
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.sweeps import Fraction, Progress, silent
@@ -37,7 +40,7 @@ from beamtouch_models.design.world import World
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.numbers import number, numbers, places_in, whole
-from beamtouch_models.places import on_axis
+from beamtouch_models.places import Place, as_stated, in_rows, in_words, on_axis
 
 if TYPE_CHECKING:
     from beamtouch_models.design.model import Model
@@ -84,21 +87,21 @@ class Layout:
 
     def __repr__(self) -> str:
         """Return where the sensors are."""
-        return f"Layout(sensors at {', '.join(f'{place:g}' for place in self.placement.positions_mm)} mm)"
+        return f"Layout(sensors at {', '.join(map(in_words, self.positions_mm))} mm)"
 
     @property
     def positions_mm(self) -> Floats:
-        """(sensors,) from the left end."""
-        return np.array(self.placement.positions_mm)
+        """(sensors,) from the left end; on a plate (sensors, 2)."""
+        return as_stated(self.placement.place_mm)
 
     @property
-    def channels(self) -> dict[str, float]:
-        """Names of the sensors, with their positions: s1, s2 and so on, or those of the table of the scene."""
-        positions_mm, measured = self.placement.positions_mm, self.surface.scene.measured
+    def channels(self) -> dict[str, Place]:
+        """Names of the sensors, with their places: s1, s2 and so on, or those of the table of the scene."""
+        places, measured = self.placement.places, self.surface.scene.measured
         if measured is None:
-            return {f"s{number}": place for number, place in enumerate(positions_mm, start=1)}
+            return {f"s{number}": place for number, place in enumerate(places, start=1)}
         names = {place: name for name, place in measured.places_mm.items()}
-        return {names[place]: place for place in positions_mm}
+        return {names[position]: position for position in self.placement.positions_mm}
 
     @cached_property
     def prior(self) -> Prior:
@@ -279,20 +282,22 @@ def place_sensors(
     return _checked(Layout(surface, placement, aim))
 
 
-def keep_sensors(surface: Surface, positions_mm: Sequence[float], aim: Aim = DEFAULT_AIM) -> Layout:
+def keep_sensors(surface: Surface, positions_mm: Sequence[Place], aim: Aim = DEFAULT_AIM) -> Layout:
     """Check a surface, and take its sensors to be where they are mounted; raises as `place_sensors`.
 
     `aim` is that of the build that has placed them.
     """
     surface.check(len(positions_mm))
-    places = on_axis(np.array(positions_mm, dtype=np.float64))
+    places = in_rows(positions_mm, surface.influence.extent.axes)
     placement = Placement(places, score_layout(surface.influence, places), 0)
     return _checked(Layout(surface, placement, _aim_in(surface, aim)))
 
 
 def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
-    """Return the layout of sensors at positions (sensors,) that a script names; raises as `Surface.layout`."""
+    """Return the layout of sensors at positions that a script names; raises as `Surface.layout`."""
     scene, length_mm = surface.scene, surface.influence.diagonal_mm
+    if scene.plate is not None:
+        return _layout_on_plate(surface, scene.plate, positions_mm)
     places_mm = places_in(positions_mm, "positions_mm", length_mm).tolist()
     if len(places_mm) > MAX_SENSORS:
         raise SceneError(f"positions_mm: give at most {MAX_SENSORS} positions, not {len(places_mm)}")
@@ -309,6 +314,18 @@ def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
     return keep_sensors(surface, places_mm)
 
 
+def _layout_on_plate(surface: Surface, plate: Plate, places_mm: ArrayLike) -> Layout:
+    places = [(x, y) for x, y in places_on(places_mm, "positions_mm", plate).tolist()]
+    sensors = surface.scene.sensors
+    if len(places) > MAX_SENSORS:
+        raise SceneError(f"positions_mm: give at most {MAX_SENSORS} places, not {len(places)}")
+    if away := [place for place in map(xy_of, sensors.fixed) if place not in places]:
+        raise SceneError(f"positions_mm: it lacks {in_words(away[0])} mm, which is in sensors.fixed of the scene")
+    if conflict := next(too_close_on_plate(plate, sensors, places, "positions_mm has"), ""):
+        raise SceneError(conflict)
+    return keep_sensors(surface, places)
+
+
 def _aim_in(surface: Surface, aim: Aim) -> Aim:
     """Return an aim with what the scene requires, as far as it leaves that open."""
     if aim.failed_percent is not None or aim.criterion != "position-error":
@@ -319,7 +336,7 @@ def _aim_in(surface: Surface, aim: Aim) -> Aim:
 def _checked(layout: Layout) -> Layout:
     """Return a layout; SceneError if sensors may change places, or if no contact of the scene would be seen."""
     surface, prior = layout.surface, layout.prior
-    surface.check_spacing(layout.placement.positions_mm)
+    surface.check_spacing(layout.placement.place_mm)
     threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), surface.touch_rate)
     least = float(smallest_force_n(prior, threshold, prior.extent.grid(PLACES)).min())
     if least > prior.force_n[1]:

@@ -8,7 +8,6 @@ departures of its calibration (`calibrated`). Physics ends here: placement, limi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -33,8 +32,8 @@ from beamtouch_models.design.placement.layout_rules import LayoutRules, equal_la
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
 from beamtouch_models.design.placement.position_error import Sampling
 from beamtouch_models.design.pricing.aliases import unseen_of, unseen_swing
-from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
 from beamtouch_models.design.pricing.effect import Effect
+from beamtouch_models.design.pricing.noise import ReadingErrors, chain_of, check_errors, choose_filter, step_mm
 from beamtouch_models.design.pricing.of_plates import check_linear
 from beamtouch_models.design.pricing.prices import effects_of, without_negligible
 from beamtouch_models.design.pricing.ringing import Ringing, ringing_of
@@ -150,7 +149,7 @@ class Surface:
 
     @property
     def slowest_period(self) -> float:
-        """The longest period in which readings seem to swing, in readings; 0 without a beam or plate whose mass is stated."""
+        """The longest period in which readings seem to swing, in readings; 0 without a mass."""
         return (self.slowest_period_ms or 0.0) * self.scene.sensors.rate_hz / 1e3
 
     @cached_property
@@ -259,8 +258,7 @@ class Surface:
         equal_layout(self.rules, self.influence.size_mm, count or fewest)
 
     def check_spacing(self, place_mm: Floats) -> None:
-        """Raise SceneError if the mounting tolerance lets neighbouring sensors at places (sensors, axes) change places.
-        """
+        """Raise SceneError if the mounting tolerance lets neighbours among places (sensors, axes) change places."""
         tolerance_mm = self.scene.sensors.mounting_tolerance_mm
         spacing_mm = float(pdist(place_mm).min(initial=np.inf))
         if tolerance_mm >= spacing_mm:

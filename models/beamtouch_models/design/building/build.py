@@ -69,11 +69,16 @@ def build_model(
             "influence: a model file holds the scene's beam, not an influence function of your own; its layouts have "
             "limits, but no model; name a table of it in [measured], and build that"
         )
+    if layout.surface.scene.plate is not None:
+        raise SceneError("plate: its model cannot be built yet; `place` and `explain` have its layout and its limits")
     surface, prior, scene = layout.surface, layout.prior, layout.surface.scene
     made = layout.make_estimator(estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done))
     progress("measuring the accuracy against the limit", 0.8)
     fields = measure(made, prior, surface, layout.world, seed, layout.aim)
-    channels = [Channel(name=name, position_mm=x) for name, x in layout.channels.items()]
+    channels = [
+        Channel(name=name, position_mm=x)
+        for name, x in zip(layout.channels, layout.placement.positions_mm, strict=True)
+    ]
     metadata = Metadata(
         name=name,
         beam=identity_of(scene, layout.channels),

@@ -22,8 +22,8 @@ EVEN = 1e-6
 """Largest difference between the steps of even load positions, relative to a step."""
 LOADS = 400
 """Steps of load positions over the length of a structure, as in the paper."""
-POINTS = 801
-"""Points along a structure at which its travel is computed."""
+POINTS, PLATE_POINTS = 801, 33**2
+"""Points of a beam, and of a plate, at which its travel is computed."""
 
 
 @dataclass(frozen=True)
@@ -223,16 +223,30 @@ class Travel(Rounded):
 
 def travel_of(influence: InfluenceFunction) -> Travel:
     """Return the travel of a structure; SceneError if it is beyond what can be computed."""
-    ticks = Extent(tuple((0.0, length) for length in influence.size_mm.tolist())).ticks(POINTS)
     force_n = influence.force_n[1]
+    if len(influence.size_mm) > 1:
+        return _travel_of_plate(influence, force_n)
+    points = np.linspace(0.0, influence.diagonal_mm, POINTS)
     with np.errstate(over="ignore"):
-        shapes = influence.matrix(grid_of(ticks)) * force_n
+        shapes = influence.matrix(points[:, None]) * force_n
     if not np.all(np.isfinite(shapes)):
         message = "the deflection at the largest force is beyond what can be computed; check contact.force_n and beam"
         raise SceneError(message)
-    on_grid = shapes.reshape(len(shapes), *map(len, ticks))
-    steepest = [np.abs(np.diff(on_grid, axis=axis)).max() / (tick[1] - tick[0]) for axis, tick in enumerate(ticks, 1)]
-    return Travel(max(0.0, -float(shapes.min())), max(0.0, float(shapes.max())), math.hypot(*steepest), force_n)
+    slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
+    return Travel(max(0.0, -float(shapes.min())), max(0.0, float(shapes.max())), slope, force_n)
+
+
+def _travel_of_plate(influence: InfluenceFunction, force_n: float) -> Travel:
+    extent = Extent(tuple((0.0, float(length)) for length in influence.size_mm))
+    ticks, loads = extent.ticks(PLATE_POINTS), influence.place_mm
+    some = loads[np.linspace(0, len(loads) - 1, min(len(loads), PLATE_POINTS)).round().astype(np.intp)]
+    shapes = (influence.at(grid_of(ticks), some) * force_n).reshape(len(some), *map(len, ticks))
+    if not np.all(np.isfinite(shapes)):
+        raise SceneError("the deflection at the largest force is beyond what can be computed; check contact.force_n")
+    slopes = [
+        float(np.abs(np.diff(shapes, axis=1 + axis)).max() / (along[1] - along[0])) for axis, along in enumerate(ticks)
+    ]
+    return Travel(max(0.0, -float(shapes.min())), max(0.0, float(shapes.max())), math.hypot(*slopes), force_n)
 
 
 def check_own(

@@ -104,8 +104,8 @@ def laden_period_s(scene: Scene) -> float | None:
     """Return the period of a scene's beam or plate with a weight on it, in s; None without its mass.
 
     The largest force of the scene is taken as a weight where it yields most. The squares of the periods without the
-    weight and of the weight add up (Dunkerley, On the whirling and vibration of shafts, Phil. Trans. A 185, 1894), which
-    is never too short.
+    weight and of the weight add up (Dunkerley, On the whirling and vibration of shafts, Phil. Trans. A 185, 1894),
+    which is never too short.
     """
     first_hz, loads = first_frequency_hz(scene.solid), loads_of(scene)
     if first_hz is None:

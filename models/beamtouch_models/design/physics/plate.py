@@ -84,10 +84,10 @@ def free_plate(length_x: float, length_y: float, poisson: float) -> FreePlate:
     """Return a free plate of these lengths, of which the longer one is 1."""
     across = math.sqrt(ELEMENTS / (length_x * length_y))
     most = ELEMENTS // FEWEST
-    x, y = (
-        HermiteAxis(length, min(most, max(FEWEST, round(length * across)))) for length in (length_x, length_y)
+    x, y = (HermiteAxis(length, min(most, max(FEWEST, round(length * across)))) for length in (length_x, length_y))
+    mass, slope, bend, cross = (
+        [axis.products(*orders) for axis in (x, y)] for orders in ((0, 0), (1, 1), (2, 2), (2, 0))
     )
-    mass, slope, bend, cross = ([axis.products(*orders) for axis in (x, y)] for orders in ((0, 0), (1, 1), (2, 2), (2, 0)))
     stiffness = (
         sp.kron(bend[0], mass[1])
         + sp.kron(mass[0], bend[1])
@@ -96,7 +96,9 @@ def free_plate(length_x: float, length_y: float, poisson: float) -> FreePlate:
     ).tocsc()
     corners = [0, y.unknowns - 2, (x.unknowns - 2) * y.unknowns]
     free = np.setdiff1d(np.arange(stiffness.shape[0]), corners)
-    factors = splu(stiffness[free][:, free], permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    factors = splu(
+        stiffness[free][:, free], permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
     ones = x.constant(), y.constant()
     rigid = [np.kron(*ones), np.kron(x.rising(), ones[1]), np.kron(ones[0], y.rising())]
     return FreePlate(x, y, free, factors, np.stack(rigid, axis=1))
@@ -190,14 +192,14 @@ def supported_plate(plate: Plate) -> SupportedPlate:
     rows = body.row(np.concatenate([place for place, _ in points]))
     flexibility = np.concatenate([given / unit_mm_per_n for _, given in points])
     if not (SMALLEST_NORMAL <= unit_mm_per_n < math.inf and np.isfinite(flexibility).all()):
-        raise SceneError("plate: its deflection is beyond what can be computed; check its lengths, thickness and springs")
+        raise SceneError(
+            "plate: its deflection is beyond what can be computed; check its lengths, thickness and springs"
+        )
     pushed = body.deflections(rows)
     between = rows @ pushed
     least = RIGID * float(np.abs(np.diag(between)).max(initial=1.0))
     motions = rows @ body.rigid
-    system = np.block(
-        [[between + np.diag(np.maximum(flexibility, least)), -motions], [motions.T, np.zeros((3, 3))]]
-    )
+    system = np.block([[between + np.diag(np.maximum(flexibility, least)), -motions], [motions.T, np.zeros((3, 3))]])
     return SupportedPlate(plate, unit_mm, unit_mm_per_n, body, rows, pushed, lu_factor(system), flexibility)
 
 
@@ -283,7 +285,9 @@ def places_of_sensors(plate: Plate, sensors: Sensors) -> tuple[Floats, Indices]:
         raise SceneError(
             f"sensors.grid_mm = {step_mm:g} makes more than {MAX_SENSOR_PLACES} places on the plate; make it coarser"
         )
-    ticks = [np.arange(math.floor(length / step_mm + ROUNDING) + 1) * step_mm for length in plate.size_mm]
+    ticks: list[Floats] = [
+        np.arange(math.floor(length / step_mm + ROUNDING) + 1) * np.float64(step_mm) for length in plate.size_mm
+    ]
     grid = np.minimum(grid_of(ticks), plate.size_mm)
     is_allowed = [not taken_on_plate(plate, sensors, (x, y)) for x, y in grid.tolist()]
     fixed = np.array([xy_of(place) for place in sensors.fixed], dtype=np.float64).reshape(-1, 2)

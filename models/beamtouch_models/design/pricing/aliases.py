@@ -13,8 +13,8 @@ import numpy as np
 
 from beamtouch_common.digits import Rounded
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics.beam import load_positions_mm
 from beamtouch_models.design.physics.motion import M_PER_MM, Modes, damping_of
+from beamtouch_models.design.physics.solid import loads_of
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.filters.sinusoids import LEAST_CYCLES
 
@@ -55,7 +55,7 @@ def aliased_modes(scene: Scene, reading_mm: float) -> tuple[tuple[Aliased, ...],
     modes = Modes.of(scene.solid, scene.contact.width_mm)
     if modes is None or not reading_mm:
         return (), None
-    shapes = modes.under(load_positions_mm(scene)) ** 2
+    shapes = modes.under(loads_of(scene)) ** 2
     swing_mm = (shapes * modes.square_s2).max(axis=0) * scene.contact.force_range_n[1] / M_PER_MM
     frequency_hz, rate_hz = 1 / (2 * math.pi * np.sqrt(modes.square_s2)), scene.sensors.rate_hz
     seen_hz = _seen_hz(frequency_hz, rate_hz)

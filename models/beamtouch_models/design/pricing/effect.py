@@ -30,6 +30,7 @@ VERDICTS: dict[Verdict, tuple[str, str]] = {
 }
 """Words of each verdict for people, with their meaning."""
 
+
 @dataclass(frozen=True, repr=False)
 class Effect(Rounded):
     """An effect, priced for a scene."""

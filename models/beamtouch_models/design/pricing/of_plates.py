@@ -30,7 +30,10 @@ def bend_over_thickness(scene: Scene, plate: Plate) -> float:
     """
     solved, loads = supported_plate(plate), load_places_mm(scene, plate)
     size = np.array(plate.size_mm)
-    rim = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.0, 0.5], [1.0, 0.5], [0.0, 1.0], [0.5, 1.0], [1.0, 1.0]]) * size
+    rim = (
+        np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.0, 0.5], [1.0, 0.5], [0.0, 1.0], [0.5, 1.0], [1.0, 1.0]])
+        * size
+    )
     at_mm = np.concatenate([loads, rim])
     bent_mm = scene.contact.force_range_n[1] * solved.bends(at_mm, loads, scene.contact.width_mm)
     if (points := point_masses(plate)) is not None:

@@ -12,6 +12,7 @@ without_width = partial(change_scene, contact={"width_mm": 0.0})
 
 
 def contact_width(pricing: Pricing) -> Effect:
+    """Price the width of a contact."""
     width = pricing.scene.contact.width_mm
     if width == 0:
         return Effect("contact width", 0.0, "out", "the scene states a point contact")
@@ -19,10 +20,16 @@ def contact_width(pricing: Pricing) -> Effect:
 
 
 def dynamics(pricing: Pricing) -> Effect:
+    """Price the ringing that is left once the filter has settled."""
     scene = pricing.scene
     frequency = motion.first_frequency_hz(scene.solid)
     if frequency is None:
-        return Effect("dynamics", None, "not stated", "state density_kg_m3 or material" + (", with width_mm and thickness_mm" if scene.has_beam else ""))
+        return Effect(
+            "dynamics",
+            None,
+            "not stated",
+            "state density_kg_m3 or material" + (", with width_mm and thickness_mm" if scene.has_beam else ""),
+        )
     damping_ratio = motion.damping_of(scene.solid)
     still = motion.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
     price = pricing.price_of_all * still

@@ -150,7 +150,9 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
     tolerance_mm = pricing.scene.sensors.mounting_tolerance_mm
     if tolerance_mm == 0:
         return Effect("mounting tolerance", 0.0, "out", "the scene states no tolerance")
-    moved = pricing.influence.deviation(pricing.sensor_mm, pricing.load_mm, tolerance_mm)[..., : pricing.influence.extent.axes]
+    moved = pricing.influence.deviation(pricing.sensor_mm, pricing.load_mm, tolerance_mm)[
+        ..., : pricing.influence.extent.axes
+    ]
     price = pricing.in_noise(pricing.influence.force_n[1] * moved)
     along = "the beam" if pricing.influence.extent.axes == 1 else "each axis"
     reason = f"+- {tolerance_mm:g} mm along {along}; `calibrate` finds the true positions"

@@ -10,6 +10,7 @@ weight and that of the bare beam.
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from numpy.typing import ArrayLike
 
@@ -22,7 +23,7 @@ from beamtouch_models.design.scene import Scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import number, numbers
 
-ASSUMED = " (assumed; with a tenth of it, it rings ten times as long: measure it, and state beam.damping_ratio)"
+ASSUMED = "assumed; with a tenth of it, it rings ten times as long: measure it, and state {}.damping_ratio"
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,7 +46,7 @@ class Ringing(Rounded):
     better_rate_hz: float | None
     """A rate nearby at which fewer do; None if there are none, or no better rate."""
     unseen_swing: float
-    """Swing that readings do not show, over that which they show; intervals allow for it while the structure rings."""
+    """Swing that readings do not show, over that which they show; intervals allow for it while the beam rings."""
     better_unseen_swing: float | None
     """The same at the better rate."""
 
@@ -88,11 +89,11 @@ def decay_s(ratio: float, frequency_hz: float, damping_ratio: float) -> float:
     return math.log(amplitude) / (damping_ratio * 2 * math.pi * frequency_hz)
 
 
-def describe_ringing(found: Ringing) -> list[str]:
+def describe_ringing(found: Ringing, what: Literal["beam", "plate"]) -> list[str]:
     """Return the ringing in words, one line each."""
-    assumed = ASSUMED if found.damping_is_assumed else ""
+    assumed = f" ({ASSUMED.format(what)})" if found.damping_is_assumed else ""
     return [
-        f"the structure rings at {digits(found.frequency_hz, 3)} Hz, with the largest force lying on it as a weight at "
+        f"the {what} rings at {digits(found.frequency_hz, 3)} Hz, with the largest force lying on it as a weight at "
         f"{digits(found.laden_frequency_hz, 3)} Hz; damping {digits(100 * found.damping_ratio, 2)} % of "
         f"critical{assumed}",
         f"after a touch it rings for up to {digits(found.after_touch_s, 2)} s, after a lift for up to "
@@ -100,16 +101,16 @@ def describe_ringing(found: Ringing) -> list[str]:
         "meanwhile answers come all the same: the filter follows the swings once the readings show them, and until "
         "then intervals are as wide as the swings make them",
         *map(_told_of, found.aliased),
-        *_told_of_rates(found),
+        *_told_of_rates(found, what),
     ]
 
 
-def _told_of_rates(found: Ringing) -> list[str]:
+def _told_of_rates(found: Ringing, what: str) -> list[str]:
     """Return what modes that seem to stand still cost, and at what rate it is less, one line each."""
     if not found.aliased:
         return []
     share = digits(100 * found.unseen_swing, 2)
-    cost = f"while the structure rings, intervals therefore allow for {share} % of its swing"
+    cost = f"while the {what} rings, intervals therefore allow for {share} % of its swing"
     if found.better_rate_hz is None or found.better_unseen_swing is None:
         return [cost]
     less = digits(100 * found.better_unseen_swing, 2)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -23,6 +23,9 @@ from beamtouch_models.design.scene.plausible import in_other_units, misplaced, n
 from beamtouch_models.design.scene.plausible_plate import implausible_plate
 from beamtouch_models.design.scene.tables import Contact, Environment, Requirements, Sensors, Strict
 from beamtouch_models.errors import SceneError, require
+
+if TYPE_CHECKING:  # no help waits for numpy
+    from beamtouch_models.places import Place
 
 __all__ = [
     "Requirements", "Scene", "change_scene", "format_scene", "identity_of", "load_scene", "make_scene", "parse_scene",
@@ -69,9 +72,7 @@ class Scene(Strict):
             message := next(chain(in_other_units(beam), misplaced(beam, self.contact, self.sensors)), "")
         ):
             raise ValueError(message)
-        if self.plate is not None and (
-            message := next(implausible_plate(self.plate, self.contact, self.sensors), "")
-        ):
+        if self.plate is not None and (message := next(implausible_plate(self.plate, self.contact, self.sensors), "")):
             raise ValueError(message)
         if self.measured is not None and (
             message := next(not_of_measured(self.measured, self.contact, self.sensors), "")
@@ -215,7 +216,8 @@ def make_scene(**tables: Mapping[str, Any]) -> Scene:
 
     `beam`: length_mm, width_mm, thickness_mm, material (or youngs_modulus_gpa, density_kg_m3), supports, ...
     `plate`, in its place: length_x_mm, length_y_mm, thickness_mm, material, supports, support_stiffness_n_per_mm, ...
-    `contact`: force_n (one number, or a range), force_tolerance_percent, position_mm (a range; of a plate x_mm and y_mm), width_mm.
+    `contact`: force_n (one number, or a range), force_tolerance_percent, width_mm, and position_mm, a range; on a
+    plate, x_mm and y_mm.
     `sensors`: noise_mm (of one reading), rate_hz, count, range_mm, size_mm, gain_error_percent, zero_drift_mm, ...
     `requirements`: latency_ms, position_error_mm, descriptors, false_contacts_per_day, ...
     `environment`: temperature_range_k, drift_um_per_min.
@@ -274,19 +276,24 @@ def format_scene(scene: Scene) -> str:
     )
 
 
-def identity_of(scene: Scene, sensors_mm: Mapping[str, float]) -> str:
-    """Return the identity of the structure of a scene with sensors, by the names of their channels, at positions [mm].
+def identity_of(scene: Scene, sensors_mm: "Mapping[str, Place]") -> str:
+    """Return the identity of the structure of a scene with sensors, by the names of their channels, at places [mm].
 
     Raises
     ------
     SceneError
         The scene states no structure.
     """
-    if scene.measured is not None:
-        return identity_of_measured(scene.measured, sensors_mm)
     if scene.plate is not None:
-        return identity_of_plate(scene.plate, places_mm)
-    return identity_of_beam(scene.beam, sensors_mm)
+        return identity_of_plate(scene.plate, {name: _numbers(place) for name, place in sensors_mm.items()})
+    positions_mm = {name: _numbers(place)[0] for name, place in sensors_mm.items()}
+    if scene.measured is not None:
+        return identity_of_measured(scene.measured, positions_mm)
+    return identity_of_beam(scene.beam, positions_mm)
+
+
+def _numbers(place: "Place") -> tuple[float, ...]:
+    return place if isinstance(place, tuple) else (place,)
 
 
 def _without_none(tables: Mapping[str, Mapping[str, Any] | None]) -> dict[str, dict[str, Any]]:

@@ -108,6 +108,16 @@ class Plate(Strict):
         return self.length_x_mm, self.length_y_mm
 
     @property
+    def length_mm(self) -> float:
+        """Length along the first axis."""
+        return self.length_x_mm
+
+    @property
+    def held_mm(self) -> tuple[float, ...]:
+        """Places on the first axis at which all of the plate is held: of a beam, its supports; of a plate, none."""
+        return ()
+
+    @property
     def support_list(self) -> tuple[PlateSupport, ...]:
         """The supports, each with its own stiffness; None where it is rigid."""
         if not isinstance(self.supports, str):
@@ -202,7 +212,9 @@ def _ends(support: PlateSupport, size_mm: tuple[float, float]) -> tuple[tuple[fl
 
 def in_words(place: Sequence[float | None]) -> str:
     """Return a place, or a line across the plate, in words."""
-    return ", ".join(f"{key} = {value:g}" for key, value in zip(("x_mm", "y_mm"), place, strict=True) if value is not None)
+    return ", ".join(
+        f"{key} = {value:g}" for key, value in zip(("x_mm", "y_mm"), place, strict=True) if value is not None
+    )
 
 
 def _spread(points: Sequence[tuple[float, float]]) -> float:

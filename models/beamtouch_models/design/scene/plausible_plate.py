@@ -70,8 +70,8 @@ def _springs(plate: Plate) -> Iterator[str]:
         stiffness = support.stiffness_n_per_mm
         if stiffness is not None and not SOFTEST_N_PER_MM <= stiffness <= STIFFEST_N_PER_MM:
             yield (
-                f"plate: a support has {stiffness:g} N/mm; give {SOFTEST_N_PER_MM:g} to {STIFFEST_N_PER_MM:g}, or leave "
-                "it out where it is rigid"
+                f"plate: a support has {stiffness:g} N/mm; give {SOFTEST_N_PER_MM:g} to {STIFFEST_N_PER_MM:g}, or "
+                "leave it out where it is rigid"
             )
 
 

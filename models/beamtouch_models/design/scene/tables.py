@@ -194,9 +194,9 @@ class Sensors(Strict):
     drift_um_per_k: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Largest drift of a sensor's zero with the temperature. It adds to `zero_drift_mm`."""
     size_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 8.0
-    """Width of a sensor's housing along the beam; on a plate, its diameter. Housings do not overlap each other, a support or a keep-out, and do
-    not reach beyond an end of the beam, a free one included: half a target would change the characteristic. 0: sensors
-    are points, and may stand at a free end."""
+    """Width of a sensor's housing along the beam; on a plate, its diameter. Housings do not overlap each other, a
+    support or a keep-out, and do not reach beyond an end of the beam or an edge of the plate, a free one included: half
+    a target would change the characteristic. 0: sensors are points, and may stand at a free end."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """Smallest distance between two sensors, from centre to centre; it holds beside `size_mm`."""
     keep_out_mm: list[Pair] = Field(default_factory=list)

@@ -247,7 +247,7 @@ def page(facts: Facts) -> str:
         drawn=caption,
         charts=charts,
         negligible=NEGLIGIBLE,
-        rings=[] if ringing is None else describe_ringing(ringing),
+        rings=[] if ringing is None else describe_ringing(ringing, "beam" if surface.scene.has_beam else "plate"),
         missed=unseen(metadata),
         weak=weak_spot(metadata),
         touch=per_day(metadata.thresholds.false_contacts_per_day),
