@@ -45,12 +45,12 @@ def test_costs_are_those_of_independent_code(costs: list[Costs]) -> None:
 
 
 def test_each_sensor_has_its_reason_and_touching_housings_are_said(costs: list[Costs]) -> None:
-    first, second, alone = reasons_for(costs[0], 8.0, [])
+    first, second, alone = reasons_for(costs[0], 8.0, np.zeros(3, dtype=bool))
     assert first.startswith("side by side with s2: their noise averages, and either may fail; without it")
     assert second.startswith("side by side with s1: ")
     assert alone.startswith("keeps apart places that the others confuse")
     assert re.search(r"8\d(\.\d)? mm instead of 1\d", alone)
-    told = reasons_for(costs[1], 8.0, [200.0])
+    told = reasons_for(costs[1], 8.0, costs[1].place_mm[:, 0] == 200.0)
     assert [text.startswith("tells most about ") for text in told] == [True, False, True]
     assert told[1].startswith("the scene fixes it here; without it the error is ")
 
@@ -58,7 +58,7 @@ def test_each_sensor_has_its_reason_and_touching_housings_are_said(costs: list[C
 def test_a_single_sensor_has_no_other_to_be_compared_with() -> None:
     (alone,) = costs_of(SURFACE.influence, SURFACE.errors, [on_axis(np.array([150.0]))], 3, Effort(0.1))
     assert alone.failed_mm == []
-    assert reasons_for(alone, 8.0, []) == ["the only one"]
+    assert reasons_for(alone, 8.0, np.zeros(1, dtype=bool)) == ["the only one"]
     assert "failed" not in in_parts(alone)
 
 

@@ -18,8 +18,11 @@ from beamtouch_models.design.printing import Result, note
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.numbers import rounded, with_error
+from beamtouch_models.places import in_words
 from beamtouch_models.runtime.description import SOUGHT
 
+ROUND = 1
+"""Digits of a position of a layout that is only compared."""
 LIMIT_DRAWS, LEAST_DRAWS = 10_000, 256
 """Usual and smallest number of simulated contacts."""
 
@@ -52,14 +55,14 @@ def aim_of(options: argparse.Namespace) -> Aim:
 def _describe(layout: Layout, compared: Compared, seed: int) -> dict[str, Any]:
     """Return everything to print; unknown values are None."""
     placement, surface, aim, gap = layout.placement, layout.surface, layout.aim, None
-    if aim.criterion == "eigenvalue-product":
+    if aim.criterion == "eigenvalue-product" and surface.rules.axes == 1:
         gap = largest_gap(surface.influence, surface.rules, layout.positions_mm, aim.leading)
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
     limit = accuracy_limit(layout.prior, aim.effort.of(LIMIT_DRAWS, LEAST_DRAWS), seed + 1)
     failed = limits_with_one_failed(layout.prior, limit, seed + 1, aim.effort)
     score = placement.log_eigenvalue_product
     return {
-        "positions_mm": list(placement.positions_mm),
+        "positions_mm": layout.positions_mm.tolist(),
         "log_eigenvalue_product": score if math.isfinite(score) else None,
         "accuracy_limit_percent": limit.value,
         "standard_error": limit.standard_error,
@@ -83,7 +86,7 @@ def _describe(layout: Layout, compared: Compared, seed: int) -> dict[str, Any]:
         ],
         "search": aim.search,
         "seed": seed,
-        "components": aim.leading or len(placement.positions_mm),
+        "components": aim.leading or len(placement.place_mm),
         "recommended_sensors": recommended_count(surface.influence, surface.errors.noise_mm),
     }
 
@@ -91,12 +94,13 @@ def _describe(layout: Layout, compared: Compared, seed: int) -> dict[str, Any]:
 def _rows(found: dict[str, Any], compared: Compared, layout: Layout) -> list[tuple[str, str]]:
     """Return a line per figure, each number with its unit and reference."""
     surface, positions = layout.surface, found["positions_mm"]
+    origin, whole = ("left end", "length") if surface.rules.axes == 1 else ("lower left corner", "diagonal")
     mm, noise_mm = surface.influence.diagonal_mm / 100, surface.errors.noise_mm
     percent, recommended = found["accuracy_limit_percent"], found["recommended_sensors"]
     limit = with_error(percent * mm, found["standard_error"] * mm, unit=" mm")
     share = rounded(percent, found["standard_error"])
     without = "; ".join(
-        f"at {position:g} mm: {with_error(value * mm, error * mm, unit=' mm')}"
+        f"at {in_words(position)} mm: {with_error(value * mm, error * mm, unit=' mm')}"
         for position, value, error in zip(
             positions, found["limit_without_percent"], found["limit_without_standard_error"], strict=False
         )
@@ -104,17 +108,17 @@ def _rows(found: dict[str, Any], compared: Compared, layout: Layout) -> list[tup
     percent_failed = found["failed_percent"]
     failed = f", with the worst sensor failed {percent_failed:g} % of the time" if percent_failed else ""
     return [
-        ("sensors", f"{', '.join(f'{position:g}' for position in positions)} mm from the left end"),
+        ("sensors", f"{', '.join(map(in_words, positions))} mm from the {origin}"),
         (
             "limit",
-            f"mean error {limit} ({share} % of the length), the best possible with these sensors, at "
+            f"mean error {limit} ({share} % of the {whole}), the best possible with these sensors, at "
             f"{digits(1e3 * noise_mm, 3)} um noise per sample",
         ),
         *([("failed", f"mean error without the sensor {without}")] if without else []),
         *zip(layout.channels, compared.reasons, strict=True),
         ("error", in_parts(compared.costs[TAKEN])),
         *(
-            (key, f"{', '.join(digits(place, 4) for place in compared.positions_mm[name])} mm: {in_parts(costs)}")
+            (key, f"{', '.join(map(in_words, compared.positions_mm[name].round(ROUND)))} mm: {in_parts(costs)}")
             for key, name in (("papers", PAPERS), ("equal", EQUAL))
             if (costs := compared.costs.get(name))
         ),
@@ -137,7 +141,9 @@ def _product_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     factors = f"the {found['components']} leading eigenvalues" if some else "all eigenvalues"
     product = "-inf, as a component is below rounding" if score is None else f"{score:.4f}"
     bound = (
-        "no layout on the grid has a larger product"
+        "not known on a plate"
+        if gap is None
+        else "no layout on the grid has a larger product"
         if gap == 0
         else f"no layout on the grid has a logarithm more than {digits(gap, 3)} above this one"
     )

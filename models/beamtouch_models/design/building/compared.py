@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-import numpy as np
-
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.effort import LEAST, Effort
@@ -15,7 +13,7 @@ from beamtouch_models.design.placement.placing import Aim, place, place_by_posit
 from beamtouch_models.design.placement.reasons import Costs, costs_of, reasons_for
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import CRITERIA
-from beamtouch_models.places import on_axis, positions_of
+from beamtouch_models.places import as_stated, in_rows, in_words
 
 LOOKED_FOR = 0.25
 """Effort of a search for a layout that is only compared, over that of the layout."""
@@ -30,6 +28,7 @@ class Compared:
     """Layouts with the same number of sensors, by name, and what each costs on the same contacts."""
 
     positions_mm: dict[str, Floats]
+    """(sensors,) each; on a plate (sensors, 2)."""
     costs: dict[str, Costs]
     reasons: Sequence[str]
     """A sentence a sensor of the layout taken."""
@@ -43,7 +42,7 @@ class Compared:
         saved = 1 - other.all_mm / taken.all_mm
         if saved < WORTH or not taken.failed_mm:
             return ""
-        places = ", ".join(f"{place:g}" for place in self.positions_mm[ALL_WORK])
+        places = ", ".join(map(in_words, self.positions_mm[ALL_WORK]))
         worst, worst_taken = (f"{digits(max(costs.failed_mm), 3)} mm" for costs in (other, taken))
         return (
             f"{places} mm would err {digits(100 * saved, 2)} % less, {digits(other.all_mm, 3)} mm, while all sensors "
@@ -62,9 +61,9 @@ def compare_layout(layout: Layout, seed: int, *, anew: bool = False) -> Compared
     positions = {TAKEN: taken}
     # The rules may leave too few independent readings; only the product needs as many as there are sensors.
     with suppress(SceneError):
-        positions[PAPERS] = np.array(place(influence, rules, count, seed, effort=aim.effort).positions_mm)
+        positions[PAPERS] = as_stated(place(influence, rules, count, seed, effort=aim.effort).place_mm)
     if surface.scene.measured is None:  # elsewhere, nobody has measured a sensor
-        positions[EQUAL] = positions_of(equal_pitch_mm(influence.size_mm, count))
+        positions[EQUAL] = as_stated(equal_pitch_mm(influence.size_mm, count))
     shares = {ANEW: surface.scene.requirements.failed_percent} if anew else {}
     if aim.failed_percent:
         shares[ALL_WORK] = 0.0
@@ -73,10 +72,11 @@ def compare_layout(layout: Layout, seed: int, *, anew: bool = False) -> Compared
         # One sensor is not placed for its own failure.
         with suppress(SceneError):
             found = place_by_position_error(influence, rules, count, seed, surface.sampling, other)
-            positions[name] = np.array(found.positions_mm)
-    places = [on_axis(each) for each in positions.values()]
+            positions[name] = as_stated(found.place_mm)
+    places = [in_rows(each, influence.extent.axes) for each in positions.values()]
     costs = dict(zip(positions, costs_of(influence, surface.errors, places, seed + 1, aim.effort), strict=True))
     # Sensors that were measured stand where they stand: none is side by side with another to keep a rule.
     gap_mm = rules.gap_mm if surface.scene.measured is None else 0.0
-    reasons = reasons_for(costs[TAKEN], gap_mm, surface.scene.sensors.fixed_mm)
+    is_fixed = (places[0][:, None] == rules.place_mm[rules.fixed]).all(axis=2).any(axis=1)
+    reasons = reasons_for(costs[TAKEN], gap_mm, is_fixed)
     return Compared(positions, costs, reasons)

@@ -55,7 +55,7 @@ def missed_requirement(metadata: Metadata, scene: Scene) -> str:
 
 def missed_error(name: str, percent: float, scene: Scene) -> str:
     """Say by how much an error in percent of the length exceeds what a scene requires; empty if it does not."""
-    wanted_mm, error_mm = scene.requirements.position_error_mm, percent / 100 * scene.length_mm
+    wanted_mm, error_mm = scene.requirements.position_error_mm, percent / 100 * scene.diagonal_mm
     if wanted_mm is None or error_mm <= wanted_mm:
         return ""
     return (

@@ -11,6 +11,7 @@ percent more than they seem to; the accuracy limit, or drawn noise of many conta
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import ndtr
@@ -21,7 +22,8 @@ from beamtouch_models.design.accuracy.drawing import concentrate_on_errors, conc
 from beamtouch_models.design.accuracy.posterior import MIN_LOG
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
-from beamtouch_models.places import grid_of
+from beamtouch_models.design.placement.narrow_posterior import NarrowPosteriors
+from beamtouch_models.places import distances_mm, grid_of
 from beamtouch_models.runtime.error_model import Errors
 
 AT_ONCE = 64
@@ -55,6 +57,8 @@ class MeanError:
     """(contacts,), 1 on average."""
     noise: Floats | None = None
     """(contacts, sensors), errors of samples in their deviations; None: samples have no errors."""
+    narrow: NarrowPosteriors | None = None
+    """On two axes, what resolves posteriors that are narrower than a cell."""
 
     def of(self, layout: Indices, without: int | None = None) -> float:
         """Return the mean error of a layout (sensors,), ascending, without one of its sensors if asked."""
@@ -62,22 +66,62 @@ class MeanError:
 
     def of_each(self, layout: Indices, without: int | None = None) -> Floats:
         """Return the mean distance of each posterior from its median, (contacts,); arguments as `of`."""
-        return np.concatenate([mean_distances(self.edges_mm, part) for part in self._likelihoods(layout, without)])
+        distances = np.concatenate([mean_distances(self.edges_mm, part) for part in self._likelihoods(layout, without)])
+        if self.narrow is None:
+            return distances
+        narrow = self._narrow_mm(slice(None), layout, without)
+        return np.where(narrow < self._cell_mm, narrow, distances)
+
+    @cached_property
+    def _cell_mm(self) -> Floats:
+        """(contacts,), the smaller side of the cell in which each contact lies."""
+        sides = [np.diff(edges)[cell] for edges, cell in zip(self.edges_mm, self._cells, strict=True)]
+        smallest: Floats = np.min(sides, axis=0)
+        return smallest
+
+    @cached_property
+    def _cells(self) -> list[Indices]:
+        """(axes,), the number of the cell along each axis in which each contact lies, (contacts,)."""
+        return [
+            np.clip(np.searchsorted(edges, place, side="right") - 1, 0, len(edges) - 2)
+            for edges, place in zip(self.edges_mm, self.place_mm.T, strict=True)
+        ]
+
+    def _narrow_mm(self, part: slice, layout: Indices, without: int | None) -> Floats:
+        """Return the mean distances (contacts,) of Gaussian posteriors; infinite on one axis."""
+        if self.narrow is None:
+            return np.full(len(self.weight[part]), np.inf)
+        kept = layout if without is None else np.delete(layout, without)
+        return self.narrow.distances_mm(part, kept, self.precision[part, kept])
 
     def along_mm(self, layout: Indices, without: int | None = None) -> Floats:
-        """Return the mean error of the contacts in each cell of a beam, (cells,); other arguments as `of`.
+        """Return the mean error of the contacts in each cell, (cells,); other arguments as `of`.
 
         Each cell takes its share of each posterior: a sample from one place may as well come from another.
         """
-        edges, contacts = self.edges_mm[0], len(self.weight)
-        width, middles, sums = np.diff(edges), (edges[1:] + edges[:-1]) / 2, np.zeros(len(edges) - 1)
+        width, middles, contacts = cell_sizes(self.edges_mm), middles_of(self.edges_mm), len(self.weight)
+        sums = np.zeros(len(width))
         for number, likelihood in enumerate(self._likelihoods(layout, without)):
             mass = likelihood * width
             mass *= (self.weight[number * AT_ONCE :][: len(mass)] / mass.sum(axis=1))[:, None]
-            medians = medians_on_line(edges, likelihood)
-            sums += np.einsum("nc,nc->c", mass, np.abs(middles - medians[:, None]))
+            if len(self.edges_mm) == 1:
+                medians = medians_on_line(self.edges_mm[0], likelihood)[:, None]
+            else:
+                medians = _medians_of_cells(self.edges_mm, mass)
+            apart_mm = distances_mm(middles - medians[:, None])
+            if self.narrow is not None:
+                self._put_narrow(slice(number * AT_ONCE, number * AT_ONCE + len(mass)), layout, without, mass, apart_mm)
+            sums += np.einsum("nc,nc->c", mass, apart_mm)
         mean: Floats = sums / contacts / (width / width.sum())
         return mean
+
+    def _put_narrow(self, part: slice, layout: Indices, without: int | None, mass: Floats, apart_mm: Floats) -> None:
+        """Put the posteriors that are narrower than a cell into their cells, with their own mean distances."""
+        distance = self._narrow_mm(part, layout, without)
+        rows = np.flatnonzero(distance < self._cell_mm[part])
+        cell = np.ravel_multi_index([cells[part][rows] for cells in self._cells], [len(e) - 1 for e in self.edges_mm])
+        mass[rows], weight = 0.0, self.weight[part][rows]
+        mass[rows, cell], apart_mm[rows, cell] = weight, distance[rows]
 
     def _likelihoods(self, layout: Indices, without: int | None) -> Iterator[Floats]:
         """Yield likelihoods (contacts, cells) of parts of the contacts, up to a factor each."""
@@ -145,8 +189,9 @@ def mean_error_of(
     drawn, weight = concentrate_on_errors(prior, drawn)
     wanted = float(np.linalg.norm(prior.extent.size_mm)) / cramer_rao_error_mm(prior)
     edges = concentrated_ticks(prior, int(np.clip(wanted, *cells)))
-    middles = grid_of([(ticks[1:] + ticks[:-1]) / 2 for ticks in edges])
+    middles = middles_of(edges)
     clean = influence.at(candidate_mm, drawn) * force[:, None]
+    is_plate = influence.extent.axes > 1
     mounting: Floats | float = 0.0
     if influence.is_uncertain(errors.mounting_mm):
         mounting = influence.variance(candidate_mm, drawn, errors.mounting_mm) * force[:, None] ** 2
@@ -159,6 +204,7 @@ def mean_error_of(
         precision=1 / errors.variance_mm2(clean, mounting),
         weight=weight / weight.mean(),
         noise=noise if noisy else None,
+        narrow=NarrowPosteriors.of(influence, candidate_mm, drawn, force) if is_plate else None,
     )
 
 
@@ -172,9 +218,21 @@ def mean_distances(edges_mm: list[Floats], likelihood: Floats) -> Floats:
     edges_mm : (axes,), edges of the cells along each axis
     likelihood : (contacts, cells), each row up to a factor; it is overwritten
     """
+    widths = cell_sizes(edges_mm)
+    likelihood *= widths
+    return _distances_on_line(widths, likelihood) if len(edges_mm) == 1 else _distances_of_cells(edges_mm, likelihood)
+
+
+def cell_sizes(edges_mm: list[Floats]) -> Floats:
+    """Return the lengths or the areas of cells (cells,) between edges along each axis."""
     widths = [np.diff(edges) for edges in edges_mm]
-    likelihood *= widths[0] if len(widths) == 1 else grid_of(widths).prod(axis=1)
-    return _distances_on_line(widths[0], likelihood) if len(widths) == 1 else _distances_of_cells(edges_mm, likelihood)
+    sizes: Floats = widths[0] if len(widths) == 1 else grid_of(widths).prod(axis=1)
+    return sizes
+
+
+def middles_of(edges_mm: list[Floats]) -> Floats:
+    """Return the middles of cells (cells, axes) between edges along each axis."""
+    return grid_of([(edges[1:] + edges[:-1]) / 2 for edges in edges_mm])
 
 
 def medians_on_line(edges_mm: Floats, likelihood: Floats) -> Floats:
@@ -191,15 +249,29 @@ def medians_on_line(edges_mm: Floats, likelihood: Floats) -> Floats:
 def _distances_of_cells(edges_mm: list[Floats], mass: Floats) -> Floats:
     """Return the mean distances of masses (contacts, cells) from their medians along each axis."""
     mass = mass / mass.sum(axis=1, keepdims=True)
+    medians = _medians_of_cells(edges_mm, mass)
+    along = [edges[1:] + edges[:-1] for edges in edges_mm]
+    apart = [middles / 2 - median[:, None] for middles, median in zip(along, medians.T, strict=True)]
+    distances: Floats = np.einsum("nij,nij->n", mass.reshape(len(mass), *map(len, along)), _lengths(*apart))
+    return distances
+
+
+def _lengths(along_x: Floats, along_y: Floats) -> Floats:
+    """Return the lengths (contacts, x, y) of vectors with these components, (contacts, x) and (contacts, y)."""
+    lengths: Floats = np.hypot(along_x[:, :, None], along_y[:, None, :])
+    return lengths
+
+
+def _medians_of_cells(edges_mm: list[Floats], mass: Floats) -> Floats:
+    """Return the medians along each axis (contacts, axes) of masses (contacts, cells), the middles of cells."""
     middles, axes = [(edges[1:] + edges[:-1]) / 2 for edges in edges_mm], range(len(edges_mm))
     masses = mass.reshape(len(mass), *map(len, middles))
     medians = np.empty((len(mass), len(middles)))
     for axis in axes:
         marginal = masses.sum(axis=tuple(1 + other_axis for other_axis in axes if other_axis != axis))
-        medians[:, axis] = middles[axis][(np.cumsum(marginal, axis=1) >= 0.5).argmax(axis=1)]
-    places = grid_of(middles)
-    distances = [row @ np.linalg.norm(places - median, axis=1) for row, median in zip(mass, medians, strict=True)]
-    return np.array(distances)
+        below = np.cumsum(marginal, axis=1)
+        medians[:, axis] = middles[axis][(below >= below[:, -1:] / 2).argmax(axis=1)]
+    return medians
 
 
 def _distances_on_line(width: Floats, mass: Floats) -> Floats:
