@@ -1,5 +1,6 @@
 """Rules for the sensors that a layout may break."""
 
+import numpy as np
 import pytest
 
 from beamtouch_models import change_scene
@@ -13,10 +14,10 @@ from support.surfaces.example_scenes import SCENES, paper_scene
 
 def test_sensors_that_could_change_places_are_refused() -> None:
     surface = resolve(paper_scene(mounting_tolerance_mm=30.0))
-    surface.check_spacing([100.0, 131.0, 300.0])
-    surface.check_spacing([100.0])
+    surface.check_spacing(np.array([[100.0], [131.0], [300.0]]))
+    surface.check_spacing(np.array([[100.0]]))
     with pytest.raises(SceneError, match="mounting_tolerance_mm = 30: two of the sensors are 30 mm apart"):
-        surface.check_spacing([300.0, 100.0, 130.0])
+        surface.check_spacing(np.array([[300.0], [100.0], [130.0]]))
 
 
 def bench(force_n: float, sensors: str = "") -> Scene:

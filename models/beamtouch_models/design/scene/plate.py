@@ -65,7 +65,7 @@ class Plate(Strict):
     """"corners", "edges" (all four, free to rotate), or a list: [{x_mm = 10, y_mm = 10}, ...]."""
     support_stiffness_n_per_mm: PositiveFinite | None = None
     """Stiffness of the spring in each support that states none: of a corner, or of a whole edge; without it, supports
-    are rigid. Soft springs at the corners make a plate a good sensor: see docs/how-to/plates.md."""
+    are rigid."""
     material: MaterialName | None = None
     """Name of a material whose values hold where the scene does not state them."""
     youngs_modulus_gpa: PositiveFinite | None = None
