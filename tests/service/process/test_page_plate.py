@@ -27,6 +27,14 @@ PIXEL = 0.6
 _BOXES = """selectors => selectors.map(selector => [...document.querySelectorAll(`#beam ${selector}`)].map(one => {
   const {x, y, width, height} = one.getBBox(); return [x, y, width, height]; }))"""
 
+_APART = """ids => {
+  const boxes = ids.map(id => {
+    const range = document.createRange(); range.selectNodeContents(document.getElementById(id));
+    return range.getBoundingClientRect(); });
+  return ids.filter((_, i) => boxes.some((other, j) => i !== j && other.left < boxes[i].right
+    && boxes[i].left < other.right && other.top < boxes[i].bottom && boxes[i].top < other.bottom)); }"""
+"""Returns the ids of the texts that lie on others."""
+
 
 def send(service: Service, *rows: Row, sequence: int) -> None:
     begin_us = START_US + 5000 * sequence
@@ -87,6 +95,7 @@ def test_a_plate_is_drawn_from_above_to_scale(
     seen.page.wait_for_selector("#across-strip polyline", state="attached")
     assert (seen.overflow(), seen.wrongs(), seen.complaints, seen.strangers()) == (0, [], [], [])
     assert seen.unreadable() == []
+    assert seen.page.evaluate(_APART, ["headline", "position", "across", "force", "age"]) == []
     seen.picture(f"plate-{name}")
     send(service, *[RESTING] * 3, sequence=30)
     seen.wait_for_state("clear")
