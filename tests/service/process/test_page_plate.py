@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from service.bench import START_US, BuildModel, Row, batch_of
+from service.bench import START_US, TOKEN, BuildModel, Row, batch_of
 from service.process.conftest import Service, StartService
 from support.pages.browser import OpenPage, Watched
 from support.surfaces.small_model import PLATE_OUTPUTS
@@ -114,3 +114,24 @@ def test_without_a_correlation_the_intervals_make_a_box(
     seen.page.wait_for_selector("#beam rect.bar", state="attached")
     assert region(seen, "rect.bar") == pytest.approx([2, 2])
     assert "the 95 % intervals of x and y" in seen.text("beam-words")
+
+
+def test_the_plate_shows_where_to_press(
+    start_press: StartService, build_model: BuildModel, open_page: OpenPage
+) -> None:
+    service = start_press(model=build_model(outputs=PLATE_OUTPUTS))
+    send(service, *[RESTING] * 300, sequence=1)
+    seen = open_page(service.url, size=(390, 844))
+    seen.wait_for_state("clear")
+    seen.page.click("#commissioning-open")
+    seen.page.fill("#commissioning-token", TOKEN)
+    seen.page.keyboard.press("Enter")
+    seen.wait_for_text("commissioning-prompt", "Take everything off")
+    send(service, *[RESTING] * 300, sequence=301)
+    seen.wait_for_text("commissioning-prompt", "Press above s1, at x 100 and y 50 mm")
+    seen.page.wait_for_selector("#beam circle.target", state="attached")
+    assert place_of(seen, "circle.target") == near((100, 50))
+    seen.wait_for_text("commissioning-steps", "mark at 300, 224 mm")
+    assert (seen.overflow(), seen.complaints) == (0, [])
+    seen.page.evaluate("document.getElementById('commissioning').scrollIntoView()")
+    seen.picture("plate-commissioning-phone")
