@@ -11,6 +11,7 @@ from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.layout import Layout
 from beamtouch_models.design.physics.beam import influence
 from beamtouch_models.design.scene import Scene, format_scene, identity_of
+from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.sweeps import Progress, silent
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.names import ESTIMATORS, EstimatorName
@@ -101,13 +102,14 @@ def build_model(
 def draw_beam(scene: Scene) -> BeamDrawing:
     """Return the beam of a scene as the service's page draws it: supports, and its shape under a contact.
 
-    How a measured structure is held and bends between its sensors is not known: it is a straight line.
+    How a measured structure is held and bends between its sensors is not known: it is a straight line. A plate is drawn
+    from above, without its shape.
     """
     if not scene.has_beam:
         return BeamDrawing(
-            supports=[],
+            supports=[] if scene.plate is None else _draw_supports(scene.plate),
             at_mm=[0.0, scene.length_mm],
-            load_mm=[scene.contact.position_mm[0]],
+            load_mm=[scene.contact.ranges_mm[0][0]],
             deflection_mm_per_n=[[0.0, 0.0]],
             sensor_mm=scene.sensors.size_mm,
         )
@@ -124,3 +126,23 @@ def draw_beam(scene: Scene) -> BeamDrawing:
         deflection_mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in shape],
         sensor_mm=scene.sensors.size_mm,
     )
+
+
+def _draw_supports(plate: Plate) -> list[DrawnSupport]:
+    """Return the supports of a plate: a line without one of its coordinates goes across the whole plate."""
+    drawn = []
+    for support in plate.support_list:
+        end_mm = tuple(
+            length if at_mm is None else at_mm
+            for at_mm, length in zip((support.x_mm, support.y_mm), plate.size_mm, strict=True)
+        )
+        drawn.append(
+            DrawnSupport(
+                at_mm=support.x_mm or 0.0,
+                across_mm=support.y_mm or 0.0,
+                end_mm=(end_mm[0], end_mm[1]) if support.is_line else None,
+                kind="simple" if support.stiffness_n_per_mm is None else "spring",
+                slides=False,
+            )
+        )
+    return sorted(drawn, key=lambda one: (one.at_mm, one.across_mm))
