@@ -159,7 +159,8 @@ def scaled_scene(length_mm: float, rigidity: float, position: tuple[float, float
     )
     # Scaled after the checks: a scene may not state beams of less than a millimetre.
     beam = stated.beam.model_copy(update={"length_mm": length_mm})
-    contact = stated.contact.model_copy(update={"position_mm": (position[0] * length_mm, position[1] * length_mm)})
+    placed = {"stated_position_mm": (position[0] * length_mm, position[1] * length_mm)}
+    contact = stated.contact.model_copy(update=placed)
     sensors = stated.sensors.model_copy(update={"grid_mm": length_mm / 400})
     return stated.model_copy(update={"stated_beam": beam, "contact": contact, "sensors": sensors})
 

@@ -5,8 +5,10 @@ could have caused its sample. A log density is a sum over channels of a product 
 so two matrix products make those of all contacts and cells.
 
 Samples are drawn without errors, unless noise is asked for: whoever searches among layouts by drawn errors finds the
-layout that fits these errors. Without them, layouts of which two places explain a sample about alike err by some
-percent more than they seem to; the accuracy limit, or drawn noise of many contacts, tells them apart.
+layout that fits these errors. Without them, the posterior takes twice the variance of a sample. Then it is the mean of
+the posteriors of samples with errors, where these are normal: one variance is that of where the errors move it, the
+other its own. So it counts places that only errors confuse, which a sample without errors tells apart. Its width is the
+root of 2 times that of the others, by which it is divided.
 """
 
 from collections.abc import Iterator
@@ -34,6 +36,8 @@ FLAT = 1e-6
 """Smallest effect of the range of forces, in deviations of a sample: less, beside a support, is rounding."""
 NARROW = 1e-6
 """Length of a range of forces over its end, below which the force is as good as exact, and differences would cancel."""
+SPREAD = 2.0
+"""Variance of a posterior that is the mean of those of samples with errors, over that of one of them."""
 TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -50,11 +54,11 @@ class MeanError:
     sample_mm: Floats
     """(contacts, candidates), deflection."""
     precision: Floats
-    """(contacts, candidates), 1 over the variance of a sample of it, in 1/mm^2."""
+    """(contacts, candidates), 1 over the variance of a sample of it, in 1/mm^2; without errors, over SPREAD, too."""
     place_mm: Floats
     """(contacts, axes)."""
     weight: Floats
-    """(contacts,), 1 on average."""
+    """(contacts,), 1 on average; without errors, over the root of SPREAD."""
     noise: Floats | None = None
     """(contacts, sensors), errors of samples in their deviations; None: samples have no errors."""
     narrow: NarrowPosteriors | None = None
@@ -195,14 +199,15 @@ def mean_error_of(
     mounting: Floats | float = 0.0
     if influence.is_uncertain(errors.mounting_mm):
         mounting = influence.variance(candidate_mm, drawn, errors.mounting_mm) * force[:, None] ** 2
+    spread = 1.0 if noisy else SPREAD
     return MeanError(
         force_n=influence.force_n,
         edges_mm=edges,
         shapes=influence.at(candidate_mm, middles),
         place_mm=drawn,
         sample_mm=clean,
-        precision=1 / errors.variance_mm2(clean, mounting),
-        weight=weight / weight.mean(),
+        precision=1 / (spread * errors.variance_mm2(clean, mounting)),
+        weight=weight / (weight.mean() * float(np.sqrt(spread))),
         noise=noise if noisy else None,
         narrow=NarrowPosteriors.of(influence, candidate_mm, drawn, force) if is_plate else None,
     )

@@ -169,9 +169,11 @@ def _by_steps(objective: Objective, run: SearchRun, most: int, step: int, finest
     layouts, scores, evaluations = list(run.layouts), list(run.scores), run.evaluations
     rules, group, sensors = objective.rules, objective.at_once, len(run.layout)
     moves = _moves(sensors, rules.axes)
+    untried = len(moves)
     while step >= finest and evaluations < most:
-        before = len(scores)
-        for first in range(0, len(moves), group):
+        # Of another round, only moves before the last that gained: the others have been tried from there.
+        rest, untried = untried, 0
+        for first in range(0, rest, group):
             tried = moves[first : first + group]
             while len(tried):
                 trials = np.sort(rules.moved(layouts[-1], step * tried), axis=1)
@@ -185,8 +187,9 @@ def _by_steps(objective: Objective, run: SearchRun, most: int, step: int, finest
                 tried = tried[best : best + 1]
                 layouts.append(trials[best])
                 scores.append(float(values[best]))
-        if len(scores) == before:
-            step //= 2
+                untried = first + group - 1
+        if not untried:
+            step, untried = step // 2, len(moves)
     return SearchRun(tuple(layouts), tuple(scores), evaluations)
 
 
