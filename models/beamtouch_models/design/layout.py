@@ -55,7 +55,7 @@ class ErrorAlong(Rounded):
 
     >>> along = layout.error_along([50, 200])
     >>> along.error_mm.round(1), along.standard_error_mm.round(1)
-    (array([4.3, 1.6]), array([0.4, 0.1]))
+    (array([4.3, 1.5]), array([0.4, 0.1]))
     """
 
     position_mm: Floats

@@ -46,7 +46,7 @@ class Estimates(dict[str, NDArray[Any]]):
     took part. The other names are the outputs of the model, which `Model.estimate` has.
 
     >>> model.estimate([[0.58, 0.45], [0, 0.0001], [0.7, -0.7]])
-    contact at 81.7 mm (77.7 to 84.8); 2 channels hardly tell it from other loads
+    contact at 47.8 mm (42.9 to 52.4); 2 channels hardly tell it from other loads
     clear, nothing touches
     unexplained: not one contact, or a wrong sensor
     """
@@ -99,7 +99,7 @@ class Model(ModelFile):
     >>> deflection_mm = 10 * influence_matrix(scene, layout.positions_mm, [150])
     >>> answers = model.estimate(deflection_mm)
     >>> answers
-    contact at 150.0 mm (146.5 to 153.7); 2 channels hardly tell it from other loads
+    contact at 150.0 mm (146.3 to 153.2); 2 channels hardly tell it from other loads
     >>> answers["state"].tolist(), answers["position_mm"].round(1)
     (['contact'], array([150.]))
     """

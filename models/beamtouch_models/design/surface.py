@@ -81,7 +81,7 @@ class Surface:
     gain error: 7.57 times the noise of a sample
     drift in a minute: 2.8 times the noise of a sample
     >>> surface.place(2, effort=0.01)
-    Layout(sensors at 43, 351 mm)
+    Layout(sensors at 49, 339 mm)
     """
 
     scene: Scene

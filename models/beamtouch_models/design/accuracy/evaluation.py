@@ -35,7 +35,7 @@ class PositionErrors(Rounded):
 
     >>> errors = model.evaluate(draws=200).middle
     >>> print(errors.mean_mm, "mm, where no estimator can have less than", errors.limit_mean_mm)
-    1.9 +- 0.06 mm, where no estimator can have less than 1.9 +- 0.06
+    1.81 +- 0.05 mm, where no estimator can have less than 1.81 +- 0.05
     """
 
     mean_mm: Measurement
@@ -55,7 +55,7 @@ class Evaluation(Rounded):
 
     >>> found = model.evaluate(draws=200)
     >>> print(found.span.mean_mm, "mm; over the limit:", round(found.span.ratio.value, 2))
-    2.91 +- 0.07 mm; over the limit: 1.0
+    2.9 +- 0.06 mm; over the limit: 1.0
     >>> print(f"{found.position_coverage.value:.0%} of contacts lie in their intervals")
     96% of contacts lie in their intervals
     """
