@@ -64,7 +64,7 @@ def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_rou
     assert min(found["limit_without_percent"]) > found["accuracy_limit_percent"]
     table = design_sensors_roughly("place", path, "--failed-percent", 100).stdout
     worst_mm = 4 * max(found["limit_without_percent"])
-    failed = re.findall(r"at \d+ mm: (\d+) \+- ", table)
+    failed = re.findall(r"at \d+ mm: (\d+) \+-\s", table)
     assert max(map(float, failed)) == pytest.approx(worst_mm, abs=0.5)
     assert "with the worst sensor failed 100 % of the time" in table
     assert not re.search(r"^(product|bound) ", table, re.MULTILINE)  # they belong to the other criterion

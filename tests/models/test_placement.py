@@ -161,7 +161,7 @@ def scaled_scene(length_mm: float, rigidity: float, position: tuple[float, float
     beam = stated.beam.model_copy(update={"length_mm": length_mm})
     placed = {"stated_position_mm": (position[0] * length_mm, position[1] * length_mm)}
     contact = stated.contact.model_copy(update=placed)
-    sensors = stated.sensors.model_copy(update={"grid_mm": length_mm / 400})
+    sensors = stated.sensors.model_copy(update={"stated_grid_mm": length_mm / 400})
     return stated.model_copy(update={"stated_beam": beam, "contact": contact, "sensors": sensors})
 
 
