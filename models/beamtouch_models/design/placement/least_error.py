@@ -39,8 +39,7 @@ each is away from that of a better end: a refinement goes as far."""
 MAX_REFINING = 1_000
 """Usual number of layouts after which a refinement tries no smaller step."""
 CLEAR = 1.1
-"""Ratio of two fine scores that decides without drawn errors. Where two places may be confused, a score without errors
-is up to a tenth too small."""
+"""Ratio of two fine scores that decides without drawn errors."""
 
 
 @dataclass(frozen=True)
