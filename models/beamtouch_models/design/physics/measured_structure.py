@@ -17,7 +17,7 @@ from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.measured_loads import parse_loads
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import places_in
-from beamtouch_models.places import positions_of
+from beamtouch_models.places import on_axis, positions_of
 
 PLACES, PLACES_OUTSIDE = 201, 41
 """Places along the structure at which the fit is evaluated; it is interpolated between them."""
@@ -149,11 +149,11 @@ def _structure(
         )
         position_mm, values, shares = mean_at_places(position_mm, force_n, shown_mm, characteristics, noise_mm)
         force_n = np.ones(len(position_mm))
-    fit = SmoothFit.of(position_mm, values, force_n)
+    fit = SmoothFit.of(on_axis(position_mm), values, force_n)
     if silent := [name for name, shown in zip(names, values.T, strict=True) if np.count_nonzero(shown) <= 1]:
         raise SceneError(f"measured.influence: {silent[0]} shows 0 under all loads but one; check it, or take it out")
     at_mm = _grid_mm(contacts_mm, length_mm)
-    mean, between = fit.at(at_mm)
+    mean, between = fit.at(on_axis(at_mm))
     is_contact = (at_mm >= contacts_mm[0]) & (at_mm <= contacts_mm[1])
     largest = np.sqrt(np.mean(mean[is_contact] ** 2, axis=0))
     if message := _contradiction(fit, values, force_n, largest, names):
@@ -198,7 +198,7 @@ def _contradiction(fit: SmoothFit, values: Floats, force_n: Floats, largest: Flo
     worst = int((off / np.hypot(deviation, without.repeatability)).argmax())
     if off[worst] <= max(SURELY * np.hypot(deviation, without.repeatability)[worst], COARSE * largest[worst]):
         return ""
-    load = f"the load at {fit.place_mm[suspect]:g} mm with {force_n[suspect]:g} N"
+    load = f"the load at {fit.place_mm[suspect, 0]:g} mm with {force_n[suspect]:g} N"
     both = values[suspect, worst], mean[worst]
     shown, said = (digits(float(per_newton * force_n[suspect]), 3) for per_newton in both)
     return f"under {load}, {names[worst]} shows {shown} mm, but the others say {said}; measure it again, or take it out"
@@ -222,7 +222,7 @@ def _too_sparse(fit: SmoothFit, at_mm: Floats, is_contact: Bools, largest: Float
     unknown, there = share[worst], at_mm[worst]
     while unknown > COARSE and len(more) < MORE:
         more = np.append(more, there)
-        shares = np.sqrt(np.mean(fit.variance_with(more, contacts) / largest**2, axis=1))
+        shares = np.sqrt(np.mean(fit.variance_with(on_axis(more), on_axis(contacts)) / largest**2, axis=1))
         unknown, there = shares.max(), contacts[shares.argmax()]
     would = f"{len(more)} loads more would do" if unknown <= COARSE else f"more than {MORE} loads more are needed"
     told = ", ".join(f"{place:g}" for place in sorted(more[:3].round().tolist()))

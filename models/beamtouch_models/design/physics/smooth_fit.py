@@ -7,95 +7,33 @@ values under it (sec. 5.2), so that few values do not pretend to know them.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import Self
 
 import numpy as np
-from numpy.polynomial import Polynomial
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.linalg.lapack import dpotri
+from scipy.linalg import solve_triangular
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.physics.smoothness import KERNELS, Measured, Smoothness, measured_together
 
-SMOOTHNESS = (
-    (math.sqrt(3), Polynomial([1, 1])),
-    (math.sqrt(5), Polynomial([1, 1, 1 / 3])),
-    (math.sqrt(7), Polynomial([1, 1, 2 / 5, 1 / 15])),
-)
-"""Matern kernels of order 3/2, 5/2 and 7/2: factor on the distance, and the polynomial before the exponential (eq.
-4.16). About a load, the influence of a string has a kink, and that of a beam a third derivative that jumps."""
-LENGTHS = np.geomspace(0.08, 4.0, 10)
-"""Length scales, over the span of the places."""
-SCATTERS = np.geomspace(1e-5, 0.5, 11)
+LENGTHS = np.geomspace(0.08, 4.0, 17)
+"""Length scales along each axis, over the span of the places."""
+SCATTERS = np.geomspace(1e-5, 0.5, 25)
 """Standard deviations of a value from the smooth function, over the amplitude."""
 ADDITIVE = (0.0, 0.5, 4.0)
 """Parts of the scatter that do not grow with the force, at the largest force, over those that do."""
+STEPS = 8, 4, 2, 1
+"""Of the search along scatters and lengths."""
+DISCRETE = 2
+"""The first axes of the search, kernel and additive part."""
+BEST, IMPROBABLE = 8, 10.0
+"""So many of the best combinations have their neighbours looked at, and those whose probability is larger than that of
+the best one over e to this power."""
 DRAWS = 48
 """Combinations that are drawn by their probability, evenly, as some are drawn several times."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Combination:
-    """A smooth fit with one kernel and one noise."""
-
-    kernel: tuple[float, Polynomial]
-    length: float
-    """Over the span."""
-    diagonal: Floats
-    """(values,) variance of each value, over that of the amplitude."""
-    proportional: float
-    """Variance of a value per newton that repeats anew with each load, over that of the amplitude."""
-    factor: Floats
-    """Lower Cholesky factor (values, values)."""
-    solved: Floats
-    """(values, columns) inverse covariance times values."""
-    square: Floats
-    """(columns,) variance of the amplitude."""
-    log_probability: float
-
-    @classmethod
-    def of(
-        cls,
-        kernel: tuple[float, Polynomial],
-        apart: Floats,
-        length: float,
-        noise: tuple[float, float],
-        weight: Floats,
-        values: Floats,
-    ) -> Self | None:
-        """Return the fit of values (values, columns) whose places are `apart` (values, values); None if singular."""
-        scatter, additive = noise
-        diagonal = scatter**2 * (1 + additive * weight) / (1 + additive)
-        covariance = _matern(kernel, apart / length)
-        covariance[np.diag_indices_from(covariance)] += diagonal
-        try:
-            factor, _ = cho_factor(covariance, lower=True, check_finite=False)
-        except np.linalg.LinAlgError:
-            return None
-        solved = cho_solve((factor, True), values, check_finite=False)
-        squares, count = (values * solved).sum(axis=0), len(values)
-        # The amplitude is integrated over, with a prior of 1 / amplitude.
-        log_probability = -len(squares) * np.log(np.diag(factor)).sum() - count / 2 * np.log(squares).sum()
-        square = squares / max(count - 2, 1)
-        return cls(
-            kernel, length, diagonal, scatter**2 / (1 + additive), factor, solved, square, float(log_probability)
-        )
-
-    def at(self, apart: Floats) -> tuple[Floats, Floats]:
-        """Return mean and variance (places, columns) at places that are `apart` (places, values) from the values."""
-        towards = _matern(self.kernel, apart / self.length)
-        left = solve_triangular(self.factor, towards.T, lower=True, check_finite=False)
-        return towards @ self.solved, np.maximum(1 - (left**2).sum(axis=0), 0.0)[:, None] * self.square
-
-    @cached_property
-    def left_out(self) -> Floats:
-        """(values, columns), each value less what the others say, over its deviation (eq. 5.12)."""
-        inverse, _ = dpotri(self.factor, lower=True)
-        diagonal = np.diag(inverse)[:, None]
-        standardised: Floats = self.solved / np.sqrt(diagonal * self.square)
-        return standardised
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,86 +41,147 @@ class SmoothFit:
     """A smooth function of each column of values, with what is not known of it."""
 
     place_mm: Floats
-    """(values,)"""
-    span_mm: float
-    combinations: tuple[_Combination, ...]
+    """(values, axes)"""
+    span_mm: Floats
+    """(axes,)"""
+    measured: tuple[Measured, ...]
+    """The values of columns that are known at the same places, over `scale`."""
+    scale: Floats
+    """(columns,)"""
+    combinations: tuple[Smoothness, ...]
     weights: Floats
     """(combinations,), their sum is 1."""
 
     @classmethod
     def of(cls, place_mm: Floats, values: Floats, force_n: Floats) -> Self:
-        """Fit values (values, columns) per newton at places (values,), each measured with a force (values,)."""
-        span_mm = float(np.ptp(place_mm))
-        apart = np.abs(place_mm[:, None] - place_mm) / span_mm
-        scale = np.sqrt(np.mean(values**2, axis=0))
+        """Fit values per newton to places.
+
+        Parameters
+        ----------
+        place_mm : (values, axes)
+        values : (values, columns), NaN where a column is not known; each is known at two places or more
+        force_n : (values,), the force with which each was measured
+        """
+        span_mm = np.ptp(place_mm, axis=0)
+        scale = np.sqrt(np.nanmean(values**2, axis=0))
         weight = (force_n.max() / force_n) ** 2
+        measured = measured_together(place_mm / span_mm, values / scale, weight)
         additive = ADDITIVE if np.ptp(weight) > 0 else ADDITIVE[:1]
-        tried = [
-            _Combination.of(kernel, apart, length, noise, weight, values / scale)
-            for kernel, length, noise in product(SMOOTHNESS, LENGTHS, product(SCATTERS, additive))
-        ]
-        possible = [one for one in tried if one is not None]
-        possible = sorted(possible, key=lambda one: -one.log_probability)
-        logs = np.array([one.log_probability for one in possible])
+        tried = _probable(measured, additive, place_mm.shape[1])
+        in_order = sorted(tried, key=lambda combination: -tried[combination])
+        logs = np.array([tried[combination] for combination in in_order])
         share = np.cumsum(np.exp(logs - logs[0]))
         drawn = np.searchsorted(share / share[-1], (np.arange(DRAWS) + 0.5) / DRAWS)
         kept, times = np.unique(drawn, return_counts=True)
-        return cls(place_mm, span_mm, tuple(_scaled(possible[index], scale) for index in kept), times / DRAWS)
+        return cls(place_mm, span_mm, measured, scale, tuple(in_order[index] for index in kept), times / DRAWS)
 
     def at(self, place_mm: Floats) -> tuple[Floats, Floats]:
-        """Return the function and its standard deviation (places, columns) at places (places,)."""
-        apart = np.abs(place_mm[:, None] - self.place_mm) / self.span_mm
-        parts = [one.at(apart) for one in self.combinations]
-        mean: Floats = np.einsum("k,kpc->pc", self.weights, np.array([mean for mean, _ in parts]))
-        variance = [variance + (part - mean) ** 2 for part, variance in parts]
-        return mean, np.sqrt(np.einsum("k,kpc->pc", self.weights, np.array(variance)))
+        """Return the function and its standard deviation (places, columns) at places (places, axes)."""
+        mean, square = np.zeros((2, len(place_mm), len(self.scale)))
+        for weight, one, part in self._parts():
+            towards = one.covariance(place_mm / self.span_mm, part.place)
+            process = part.process(one)
+            inner = towards @ process.solved
+            left = solve_triangular(process.factor, towards.T, lower=True, check_finite=False)
+            variance = np.maximum(1 - (left**2).sum(axis=0), 0.0)[:, None] * process.square
+            mean[:, part.columns] += weight * inner
+            square[:, part.columns] += weight * (variance + inner**2)
+        return mean * self.scale, np.sqrt(np.maximum(square - mean**2, 0.0)) * self.scale
+
+    def draw(self, place_mm: Floats, rng: np.random.Generator) -> Floats:
+        """Draw a function that agrees with the values; returns it (places, columns) at places (places, axes)."""
+        one = self.combinations[int(rng.choice(len(self.weights), p=self.weights))]
+        drawn, places = np.empty((len(place_mm), len(self.scale))), place_mm / self.span_mm
+        for part in self.measured:
+            towards, process = one.covariance(places, part.place), part.process(one)
+            left = solve_triangular(process.factor, towards.T, lower=True, check_finite=False)
+            variances, shapes = np.linalg.eigh(one.covariance(places, places) - left.T @ left)
+            normal = rng.normal(size=(len(place_mm), len(part.columns))) * np.sqrt(process.square)
+            drawn[:, part.columns] = towards @ process.solved + shapes @ (
+                np.sqrt(np.maximum(variances, 0.0))[:, None] * normal
+            )
+        return drawn * self.scale
 
     @cached_property
     def repeatability(self) -> Floats:
         """(columns,) standard deviation by which values per newton differ when a load is put on anew."""
-        variance = np.array([one.proportional * one.square for one in self.combinations])
-        deviation: Floats = np.sqrt(self.weights @ variance)
-        return deviation
+        variance = np.zeros(len(self.scale))
+        for weight, one, part in self._parts():
+            variance[part.columns] += weight * one.proportional * part.process(one).square
+        return np.sqrt(variance) * self.scale
 
     @cached_property
     def left_out(self) -> Floats:
-        """(values, columns), each value less what the others say, over its deviation."""
-        left_out = np.array([one.left_out for one in self.combinations])
-        standardised: Floats = np.einsum("k,kvc->vc", self.weights, left_out)
-        return standardised
+        """(values, columns), each value less what the others say, over its deviation; 0 where there is none."""
+        left_out = np.zeros((len(self.place_mm), len(self.scale)))
+        for weight, one, part in self._parts():
+            left_out[np.ix_(part.rows, part.columns)] += weight * part.left_out(one)
+        return left_out
 
     def variance_with(self, more_mm: Floats, place_mm: Floats) -> Floats:
-        """Return the variance (places, columns) at places if one value more were measured at each of `more_mm`."""
-        known = np.concatenate([self.place_mm, more_mm])
-        apart = np.abs(known[:, None] - known) / self.span_mm
-        towards = np.abs(place_mm[:, None] - known) / self.span_mm
-        variance = np.zeros((len(place_mm), len(self.combinations[0].square)))
-        for weight, one in zip(self.weights, self.combinations, strict=True):
-            covariance = _matern(one.kernel, apart / one.length)
-            more = np.full(len(more_mm), one.diagonal.min())
-            covariance[np.diag_indices_from(covariance)] += np.concatenate([one.diagonal, more])
-            left = np.linalg.solve(np.linalg.cholesky(covariance), _matern(one.kernel, towards / one.length).T)
-            variance += weight * np.maximum(1 - (left**2).sum(axis=0), 0.0)[:, None] * one.square
-        return variance
+        """Return the variance (places, columns) at places if one value more were measured at each of `more_mm`.
+
+        Both are (places, axes).
+        """
+        variance = np.zeros((len(place_mm), len(self.scale)))
+        for weight, one, part in self._parts():
+            process, noise = part.process(one), part.noise(one)
+            known = np.concatenate([part.place, more_mm / self.span_mm])
+            covariance = one.covariance(known, known)
+            covariance[np.diag_indices_from(covariance)] += np.append(noise, np.full(len(more_mm), noise.min()))
+            towards = one.covariance(known, place_mm / self.span_mm)
+            left = np.linalg.solve(np.linalg.cholesky(covariance), towards)
+            variance[:, part.columns] += weight * np.maximum(1 - (left**2).sum(axis=0), 0.0)[:, None] * process.square
+        return variance * self.scale**2
+
+    def _parts(self) -> Iterator[tuple[float, Smoothness, Measured]]:
+        """Yield each combination with its weight, and with each part of the columns."""
+        for (weight, one), part in product(zip(self.weights.tolist(), self.combinations, strict=True), self.measured):
+            yield weight, one, part
 
 
-def _scaled(one: _Combination, scale: Floats) -> _Combination:
-    """Return the fit of values that are `scale` (columns,) times as large."""
-    return _Combination(
-        one.kernel,
-        one.length,
-        one.diagonal,
-        one.proportional,
-        one.factor,
-        one.solved * scale,
-        one.square * scale**2,
-        one.log_probability,
-    )
+def _probable(measured: tuple[Measured, ...], additive: tuple[float, ...], axes: int) -> dict[Smoothness, float]:
+    """Return the logarithm of the probability of the combinations that are not improbable.
+
+    From a coarse grid of them, the search goes on to the neighbours of the best and of all that are not improbable, in
+    ever shorter steps: if values are many, it never looks at most of the fine grid.
+    """
+    sizes = (len(KERNELS), len(additive), len(SCATTERS), *[len(LENGTHS)] * axes)
+    tried: dict[tuple[int, ...], tuple[Smoothness, float]] = {}
+    waiting = set(product([1], range(len(additive)), *(range(0, size, STEPS[0]) for size in sizes[2:])))
+    for step in STEPS:
+        while waiting:
+            for index in sorted(waiting):
+                kernel, share, scatter, *lengths = index
+                one = Smoothness(kernel, float(SCATTERS[scatter]), additive[share], tuple(LENGTHS[lengths].tolist()))
+                tried[index] = one, math.fsum(_log_probability(part, one) for part in measured)
+            waiting = _near_the_best(tried, sizes, step)
+        waiting = _near_the_best(tried, sizes, max(step // 2, 1))
+    return dict(tried.values())
 
 
-def _matern(kernel: tuple[float, Polynomial], apart: Floats) -> Floats:
-    """Return the kernel of distances over the length scale."""
-    factor, polynomial = kernel
-    scaled = factor * apart
-    values: Floats = polynomial(scaled) * np.exp(-scaled)
-    return values
+def _near_the_best(
+    tried: dict[tuple[int, ...], tuple[Smoothness, float]], sizes: tuple[int, ...], step: int
+) -> set[tuple[int, ...]]:
+    """Return the neighbours that were not tried yet of the best and of all that are not improbable."""
+    ranked = sorted(tried, key=lambda index: -tried[index][1])
+    least = tried[ranked[0]][1] - IMPROBABLE
+    good = [index for rank, index in enumerate(ranked) if rank < BEST or tried[index][1] >= least]
+    return {near for index in good for near in _neighbours(index, sizes, step)} - tried.keys()
+
+
+def _log_probability(measured: Measured, smoothness: Smoothness) -> float:
+    """Return the logarithm of the probability of values; minus infinity if rounding makes the covariance singular."""
+    try:
+        return measured.process(smoothness).log_probability
+    except np.linalg.LinAlgError:
+        return -math.inf
+
+
+def _neighbours(index: tuple[int, ...], sizes: tuple[int, ...], step: int) -> Iterator[tuple[int, ...]]:
+    """Yield the indices one step away along one axis of a grid; kernel and additive part go by single steps."""
+    for axis, (at, size) in enumerate(zip(index, sizes, strict=True)):
+        wide = step if axis >= DISCRETE else 1
+        for near in (at - wide, at + wide):
+            if 0 <= near < size:
+                yield (*index[:axis], near, *index[axis + 1 :])

@@ -20,7 +20,7 @@ OF_LOADS, PER_NEWTON = "_deflection_mm", "_mm_per_n"
 BESIDE = ("unix_time_s", "load", "_counts", "_quality")
 """Columns that `record` writes as well, or their ends."""
 FEWEST, MOST = 4, 500
-"""Loads of a table: with fewer nothing tells how smooth the influence is, with more a fit takes minutes."""
+"""Loads of a table: with fewer nothing tells how smooth the influence is, with more a fit takes long."""
 PLACES = 3
 """Fewest different places."""
 LARGEST = 1e9
