@@ -14,6 +14,7 @@ from beamtouch_models.design.building.remarks import weak_spot
 from beamtouch_models.design.building.report import page
 from beamtouch_models.design.estimators import estimator
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
+from beamtouch_models.design.scene import parse_scene
 from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import PAPER
@@ -26,7 +27,7 @@ from support.surfaces.example_scenes import PAPER
 @pytest.mark.parametrize(
     ("sensors", "fewest", "failed_percent", "said"),
     [
-        (1, 1, 0, "one failed sensor ends this surface: it has no other; add one"),
+        (1, 1, 0, "one failed sensor ends this surface: it has no other; add a sensor"),
         (2, 2, 0, "one failed sensor ends this surface: all 2 channels must work; add a sensor, or place them with --"),
         (2, 2, 100, "one failed sensor ends this surface: all 2 channels must work; add a sensor"),
         (4, 2, 0, "if s1 fails, the mean position error grows from 4 to 12 mm; add a sensor, or place th"),
@@ -45,7 +46,7 @@ def test_what_one_failed_sensor_costs_is_said(
         ),
         "accuracy": metadata.accuracy.model_copy(update={"limit_percent": 1.0}),
     }
-    weak = weak_spot(metadata.model_copy(update=some))
+    weak = weak_spot(metadata.model_copy(update=some), parse_scene(metadata.scene, "the scene"))
     assert weak.startswith(said)
     assert ("--failed-percent" in weak) is ("--" in said or said.endswith("th"))
 

@@ -8,8 +8,11 @@ import pytest
 
 from beamtouch_models import change_scene, influence_matrix, load_model, make_scene, resolve
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.physics.measured_structure import measured_structure_of
+from beamtouch_models.design.scene import identity_of, parse_scene
 from beamtouch_models.errors import InputError
 from support.programs.in_process import Command, Refusal
+from support.surfaces.example_scenes import PAPER
 from support.surfaces.tapered_leaf import (
     SENSORS_MM,
     STATED,
@@ -301,3 +304,95 @@ def test_a_sensor_that_shows_a_single_load_is_named() -> None:
     quiet = [",".join([*row.split(",")[:-1], "0"]) for row in rows[1:]]
     with pytest.raises(InputError, match="right shows 0 under all loads but one; check it, or take it out"):
         resolve(scene_of(influence="\n".join([head, rows[0], *quiet])))
+
+
+def test_an_uplifted_sensor_loses_its_reading_and_not_the_place() -> None:
+    """At two places, one sensor shows what is beyond its characteristic; the others tell what they show there."""
+    table = recorded_loads(np.linspace(15, 285, 24), [3.0, 6.0, 12.0, 20.0], optical)
+    head, *rows = table.splitlines()
+    uplifted = [
+        ",".join([*(cells := row.split(","))[:4], "2000,-3,good", *cells[7:]])
+        if 130 < float(row.split(",")[2]) < 160
+        else row
+        for row in rows
+    ]
+    sensors = {"range_mm": [1, 19]}
+    whole, holed = (
+        measured_structure_of(change_scene(scene_of(influence=text, curved=True), sensors=sensors))
+        for text in (table, "\n".join([head, *uplifted]))
+    )
+    places = np.array([145.0])
+    told, wanted = (one.influence(one.sensor_mm, places)[0] for one in (holed, whole))
+    unknown, known = (one.deviation(one.sensor_mm[:, None], places[:, None])[0] for one in (holed, whole))
+    assert np.allclose(told[1:], wanted[1:], rtol=0.01)
+    assert np.all(unknown[1:] < 1.3 * known[1:])
+    assert unknown[0] > 2 * known[0]
+
+
+def test_sensors_that_saturate_are_known_less_well_under_heavy_loads() -> None:
+    def saturating(deflection_mm: Floats) -> Floats:
+        return 1.2 * (1 - np.exp(-deflection_mm / 1.2))
+
+    table = recorded_loads(np.linspace(15, 285, 24), [3.0, 6.0, 12.0, 20.0], saturating)
+    surface = resolve(change_scene(scene_of(influence=table, curved=True), sensors={"range_mm": [1, 19]}))
+    model = surface.place().build("leaf", effort=EFFORT)
+    rng = np.random.default_rng(4)
+    place_mm, force_n = rng.uniform(20, 280, 600), rng.uniform(3, 20, 600)
+    straight_mm = force_n[:, None] * influence(model.metadata.layout_mm, place_mm)
+    shown = model.straighten(saturating(straight_mm) + 0.004 / np.sqrt(5) * rng.normal(size=straight_mm.shape))
+    answers = model.estimate(shown.deflection_mm)
+    held = (answers["position_low_mm"] <= place_mm) & (place_mm <= answers["position_high_mm"])
+    assert held[answers["state"] == "contact"].mean() > 0.93
+
+
+def test_a_contact_at_the_very_end_is_held_as_often_as_others() -> None:
+    model = resolve(scene_of(influence=loads_csv(50))).place().build("leaf", effort=EFFORT)
+    rng, noise_mm = np.random.default_rng(6), 0.1 * model.metadata.noise.sample_mm
+    for place_mm in (15.0, 285.0):
+        force_n = rng.uniform(5, 20, 500)
+        deflection_mm = force_n[:, None] * influence(model.metadata.layout_mm, np.array([place_mm]))
+        deflection_mm = deflection_mm + noise_mm * rng.normal(size=deflection_mm.shape)
+        answers = model.estimate(deflection_mm, noise_mm=noise_mm)
+        held = (answers["position_low_mm"] <= place_mm) & (place_mm <= answers["position_high_mm"])
+        assert held.mean() > 0.93, place_mm
+
+
+def test_more_sensors_than_were_measured_are_refused() -> None:
+    with pytest.raises(InputError, match="5 sensors do not fit on the 4 places"):
+        resolve(scene_of(influence=GOOD)).place(5)
+
+
+def test_sensors_that_all_scatter_are_not_to_be_taken_out() -> None:
+    head, *rows = loads_csv(24, repeats=0.6).splitlines()
+    with pytest.raises(InputError, match="all sensors repeat to"):
+        resolve(scene_of(influence="\n".join([head, *rows])))
+
+
+def test_the_identity_has_all_that_decides_what_sensors_show() -> None:
+    table = recorded_loads(np.linspace(15, 285, 24), [3.0, 12.0], as_they_are)
+
+    def identity(curved: bool, **changes: dict[str, float]) -> str:
+        return identity_of(change_scene(scene_of(influence=table, curved=curved), **changes), SENSORS_MM)
+
+    assert identity(False) == identity(False, sensors={"noise_mm": 0.01})
+    assert identity(True) != identity(True, sensors={"noise_mm": 0.01})
+    assert identity(False) != identity(False, measured={"length_mm": 301})
+
+
+def test_a_simulated_structure_is_one_that_the_table_allows() -> None:
+    """Rig and challenge play it: a model that trusts its table too much shows there."""
+    surface = resolve(scene_of(influence=loads_csv(16)))
+    world, rng = surface.layout(list(SENSORS_MM.values())).world, np.random.default_rng(8)
+    places = np.linspace(24, 276, 9)
+    drawn = np.array([world.draw(rng).under(places, 1.0) for _ in range(60)])
+    wanted = surface.influence.interpolation
+    assert wanted is not None
+    deviation = wanted.deviation_at(world.sensor_mm[:, None], places[:, None])
+    assert np.all(np.abs(drawn.std(axis=0) / deviation - 1) < 0.5)
+    assert abs(np.log((drawn.std(axis=0) / deviation).mean())) < 0.1
+    assert np.abs((drawn.mean(axis=0) - world.under(places, 1.0)) / deviation).max() < 0.6
+
+
+def test_a_simulated_beam_is_as_its_scene() -> None:
+    world = resolve(parse_scene(PAPER, "the scene")).layout([130, 270]).world
+    assert world.draw(np.random.default_rng(1)) is world

@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> Result:
         unseen(metadata),
     )
     moved = asked.mounted.moves_to(layout.placement.positions_mm) if asked.mounted else ""
-    note(moved, weak_spot(metadata), short_tare(walk_of(metadata, surface.readings)), kind="warning")
+    note(moved, weak_spot(metadata, asked.scene), short_tare(walk_of(metadata, surface.readings)), kind="warning")
     note(*_not_modelled(surface))
     return describe(loading.load_bytes(built.content, str(options.output)))
 

@@ -334,11 +334,12 @@ def _structure_of(scene: Scene, influence: InfluenceFunction | None) -> Influenc
 
 
 def readings_of(scene: Scene, max_deflection_mm: float) -> ReadingErrors:
-    """Return the errors of a scene's readings; those of curved sensors are straightened as at rest."""
+    """Return the errors of a scene's readings; those of curved sensors are straightened as where they are largest."""
     readings = ReadingErrors.of(scene, max_deflection_mm)
     if scene.measured is None or not scene.measured.curved:
         return readings
-    return readings.scaled(max(one.at_rest for one in measured_structure_of(scene).characteristics))
+    structure, contact = measured_structure_of(scene), scene.contact
+    return readings.scaled(structure.steepest(contact.position_mm, contact.force_range_n))
 
 
 def held_mm_of(scene: Scene) -> tuple[float, ...]:

@@ -5,7 +5,7 @@ effects that the scene states, also those whose price is negligible.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.design.physics.measured_structure import MeasuredStructure
 from beamtouch_models.design.physics.motion import GRAVITY, M_PER_MM, Following, Modes, beyond_rest, damping_of, swings
 from beamtouch_models.design.physics.structure import Structure, changed, influence, structure_of
 from beamtouch_models.design.scene import Scene
@@ -93,6 +94,12 @@ class World:
         loads = loads_mm or scene.contact.position_mm
         return cls(structure, scene.contact.width_mm, loads, sensor, sensor_mm, noise_mm, off)
 
+    def draw(self, rng: np.random.Generator) -> "World":
+        """Draw a world that agrees with what was measured of the structure; that of a beam is this one."""
+        return (
+            replace(self, structure=self.structure.draw(rng)) if isinstance(self.structure, MeasuredStructure) else self
+        )
+
     @property
     def channels(self) -> int:
         """Number of channels."""
@@ -118,7 +125,7 @@ class World:
     def damping_ratio(self) -> float:
         """Damping ratio of the modes of the beam; SceneError if the structure is none."""
         if not isinstance(self.structure, Beam):
-            raise SceneError("measured: how it rings is not known")
+            raise SceneError("measured: a table does not tell how the structure rings; leave out what rings")
         return damping_of(self.structure)
 
     @cached_property

@@ -64,14 +64,15 @@ def missed_error(name: str, percent: float, scene: Scene) -> str:
     )
 
 
-def weak_spot(metadata: Metadata) -> str:
+def weak_spot(metadata: Metadata, scene: Scene) -> str:
     """Say whether one failed sensor ends a surface or doubles its error; empty if neither."""
     layout, placed, limit_percent = metadata.layout, metadata.placed, metadata.accuracy.limit_percent
-    always = placed.failed_percent == ALWAYS
-    remedy = "add a sensor" if always else "add a sensor, or place them with --failed-percent 100"
+    remedy, can_move = _further_sensor(len(layout), scene)
+    if metadata.min_channels == len(layout) == 1:
+        return f"one failed sensor ends this surface: it has no other; {remedy}"
+    if can_move and placed.failed_percent != ALWAYS:
+        remedy += ", or place them with --failed-percent 100"
     if metadata.min_channels == len(layout):
-        if len(layout) == 1:
-            return "one failed sensor ends this surface: it has no other; add one"
         return f"one failed sensor ends this surface: all {len(layout)} channels must work; {remedy}"
     worst = max(placed.limit_without_percent)
     if worst < TOO_MUCH * limit_percent:
@@ -79,6 +80,15 @@ def weak_spot(metadata: Metadata) -> str:
     name = layout[placed.limit_without_percent.index(worst)].name
     with_all, without = (digits(percent / 100 * metadata.length_mm, 3) for percent in (limit_percent, worst))
     return f"if {name} fails, the mean position error grows from {with_all} to {without} mm; {remedy}"
+
+
+def _further_sensor(sensors: int, scene: Scene) -> tuple[str, bool]:
+    """Say how a layout gets one more sensor; returns whether its sensors could also stand elsewhere."""
+    if scene.measured is None:
+        return "add a sensor", True
+    if len(scene.measured.loads.names) > sensors:
+        return "use more of the sensors that were measured", True
+    return "measure a further sensor under all loads", False
 
 
 def short_tare(walk: Walk | None) -> str:

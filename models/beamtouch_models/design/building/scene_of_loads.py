@@ -7,6 +7,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_common.encodings import decode
+from beamtouch_models.design.building.recorded_noise import independent_variance
 from beamtouch_models.design.rows import RecordingError, Row, read_rows
 from beamtouch_models.design.scene import Scene, make_scene
 from beamtouch_models.design.scene.measured_loads import OF_LOADS, parse_loads
@@ -65,22 +66,23 @@ def assumed_of(scene: Scene) -> str:
 
 
 def _noise_mm(rows: Sequence[Row], names: Sequence[str], path: Path) -> float:
-    """Return the standard deviation of a sample within its load; RecordingError if loads have too few."""
+    """Return the noise of a reading from the samples within loads; RecordingError if loads have too few."""
     numbers = np.array([row.load() if row.cells.get("load") else -index for index, row in enumerate(rows, start=1)])
-    squares, freedom = 0.0, 0
+    series = []
     for load in np.unique(numbers):
         own = [row for row, number in zip(rows, numbers, strict=True) if number == load]
         for name in names:
             good = [row for row in own if row.cells.get(f"{name}_quality", "good") == "good"]
             shown = np.array([row.number_in(f"{name}{OF_LOADS}") for row in good])
             if len(shown) >= FEWEST:
-                squares, freedom = squares + len(shown) * float(shown.var()), freedom + len(shown) - 1
-    if not squares > 0:
+                series.append(shown)
+    if not any(np.ptp(shown) > 0 for shown in series):
         raise RecordingError(
             f"{path}: no load has {FEWEST} samples that differ, which tell the noise; record loads with "
             "beamtouch-daemon record, or state sensors.noise_mm in a scene with [measured]"
         )
-    return float(np.sqrt(squares / freedom))
+    _, variance = independent_variance(series)
+    return float(np.sqrt(variance))
 
 
 def _rate_hz(rows: Sequence[Row]) -> float:

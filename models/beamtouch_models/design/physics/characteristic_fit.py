@@ -126,8 +126,8 @@ def mean_at_places(
 
     Returns
     -------
-    Places (places,), means (places, sensors), and by what part of it each sensor (sensors,) differs from load to load
-    beyond its noise.
+    Places (places,), means (places, sensors), NaN where a sensor shows only what is beyond its characteristic, and by
+    what part of it each sensor (sensors,) differs from load to load beyond its noise.
     """
     straight = np.column_stack([one.straighten(shown) for one, shown in zip(characteristics, shown_mm.T, strict=True)])
     slope = np.column_stack([one.slope(shown) for one, shown in zip(characteristics, shown_mm.T, strict=True)])
@@ -141,5 +141,4 @@ def mean_at_places(
     mean = (at.T @ (weight * value)) / np.maximum(total, np.finfo(np.float64).tiny)
     off = value - mean[place_of]
     beyond_noise = (weight * (off**2 - deviation**2)).sum(axis=0) / (weight * value**2).sum(axis=0)
-    known = np.all(total > 0, axis=1)
-    return places[known], mean[known], np.sqrt(np.maximum(beyond_noise, 0.0))
+    return places, np.where(total > 0, mean, np.nan), np.sqrt(np.maximum(beyond_noise, 0.0))

@@ -28,12 +28,14 @@ UNSTEADY = 0.2
 """Largest part of the influence by which a load may differ when it is put on anew."""
 BEYOND = 1.05
 """A force may exceed the heaviest load of curved sensors by so much."""
+CONTACTS, FORCES = 101, 21
+"""Places and forces of the contacts over which the slope of curved sensors is averaged."""
 MORE = 40
 """Largest number of further loads that a message asks for."""
 SURELY = 8.0
 """Deviations from what the others say by which a load contradicts them."""
 ENOUGH = 8
-"""Loads with which one that contradicts the others can be told."""
+"""Loads with which one that contradicts the others can be told, and scatter from too few of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,8 @@ class MeasuredStructure:
     """(places, sensors) standard deviation of the influence that the fit leaves, in mm/N."""
     repeatability: Floats
     """(sensors,) standard deviation by which the influence differs when a load is put on anew, in mm/N."""
+    fit: SmoothFit
+    """Of the influence, to the table."""
     spacing_mm: float
     """Largest distance of neighbouring loads."""
     shares: Floats
@@ -66,6 +70,10 @@ class MeasuredStructure:
     def scaled(self, factor: float) -> "MeasuredStructure":
         """Return a structure that yields `factor` times as much."""
         return replace(self, scale=self.scale * factor)
+
+    def draw(self, rng: np.random.Generator) -> "MeasuredStructure":
+        """Draw a structure that agrees with the table; the mean of many is this one, and each is smooth."""
+        return replace(self, mean=CubicSpline(self.at_mm, self.fit.draw(on_axis(self.at_mm), rng)))
 
     def influence(self, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
         """Return the influence (loads, sensors) in mm/N; each sensor is the nearest one that was measured."""
@@ -89,6 +97,20 @@ class MeasuredStructure:
         """Return the variance (loads, sensors) of the influence, of both; places (..., 1) in mm."""
         variance: Floats = self.deviation(sensor_mm, load_mm) ** 2 + self.scatter(sensor_mm, load_mm) ** 2
         return variance
+
+    def steepest(self, contacts_mm: tuple[float, float], force_n: tuple[float, float]) -> float:
+        """Return the factor by which errors of curved sensors grow when these are straightened, 1 for straight ones.
+
+        It is that of the sensor with the largest, at rest or over contacts, whichever is larger: a sensor that shows
+        less and less is steepest under the heaviest load.
+        """
+        places, forces = np.linspace(*contacts_mm, CONTACTS), np.linspace(*force_n, FORCES)
+        straight_mm = forces[:, None, None] * self.influence(self.sensor_mm, places)
+        factors = [
+            max(curved.at_rest, float(np.sqrt(np.mean(curved.slope(curved.show(one_mm)) ** 2))))
+            for curved, one_mm in zip(self.characteristics, np.moveaxis(straight_mm, -1, 0), strict=True)
+        ]
+        return max(factors, default=1.0)
 
     def nearest(self, sensor_mm: Floats) -> Indices:
         """Return the sensors (positions,) that stand nearest to positions."""
@@ -158,11 +180,14 @@ def _structure(
     largest = np.sqrt(np.mean(mean[is_contact] ** 2, axis=0))
     if message := _contradiction(fit, values, force_n, largest, names):
         raise SceneError(f"measured.influence: {message}")
-    share = np.sqrt(np.mean((between / largest) ** 2, axis=1)) * is_contact
+    scattered = _scattered(fit, largest, names)
+    if scattered and len(values) >= ENOUGH:
+        raise SceneError(f"measured.influence: {scattered}")
+    share = _unknown(between**2, largest) * is_contact
     if share.max() > COARSE:
         raise SceneError(f"measured.influence: {_too_sparse(fit, at_mm, is_contact, largest, share)}")
-    if message := _scattered(fit, largest, names):
-        raise SceneError(f"measured.influence: {message}")
+    if scattered:
+        raise SceneError(f"measured.influence: {scattered}")
     spacing_mm = float(np.diff(np.unique(loads.position_mm)).max())
     places_mm = np.array([place for _, place in in_order])
     return MeasuredStructure(
@@ -173,6 +198,7 @@ def _structure(
         at_mm,
         between,
         fit.repeatability,
+        fit,
         spacing_mm,
         shares,
         characteristics,
@@ -186,6 +212,15 @@ def _grid_mm(contacts_mm: tuple[float, float], length_mm: float) -> Floats:
     return np.unique(np.concatenate([*outside, np.linspace(low, high, PLACES)]))
 
 
+def _unknown(variance: Floats, largest: Floats) -> Floats:
+    """Return the part of the influence (places,) of most sensors that is unknown, from its variance (places, sensors).
+
+    A sensor of which nothing is known at some places has no say there; the others locate.
+    """
+    unknown: Floats = np.sqrt(np.median(variance / largest**2, axis=1))
+    return unknown
+
+
 def _contradiction(fit: SmoothFit, values: Floats, force_n: Floats, largest: Floats, names: tuple[str, ...]) -> str:
     """Say which load contradicts the others; empty if none does."""
     if len(values) < ENOUGH:
@@ -194,7 +229,7 @@ def _contradiction(fit: SmoothFit, values: Floats, force_n: Floats, largest: Flo
     others = np.delete(np.arange(len(values)), suspect)
     without = SmoothFit.of(fit.place_mm[others], values[others], force_n[others])
     mean, deviation = (rows[0] for rows in without.at(fit.place_mm[[suspect]]))
-    off = np.abs(values[suspect] - mean)
+    off = np.nan_to_num(np.abs(values[suspect] - mean))
     worst = int((off / np.hypot(deviation, without.repeatability)).argmax())
     if off[worst] <= max(SURELY * np.hypot(deviation, without.repeatability)[worst], COARSE * largest[worst]):
         return ""
@@ -210,6 +245,12 @@ def _scattered(fit: SmoothFit, largest: Floats, names: tuple[str, ...]) -> str:
     worst = int(scatter.argmax())
     if scatter[worst] <= UNSTEADY:
         return ""
+    if (scatter > UNSTEADY).all():
+        return (
+            f"all sensors repeat to {digits(100 * scatter.min(), 2)} % of what they show or worse, as if loads did not "
+            "stand where the table says, or had other forces; correct the table, measure again, or state curved = true "
+            "if heavy loads show less or more per newton than light ones"
+        )
     return (
         f"{names[worst]} repeats to {digits(100 * scatter[worst], 2)} % of what it shows only, as if loads did not "
         f"stand where the table says; measure again what differs, or take {names[worst]} out"
@@ -222,7 +263,7 @@ def _too_sparse(fit: SmoothFit, at_mm: Floats, is_contact: Bools, largest: Float
     unknown, there = share[worst], at_mm[worst]
     while unknown > COARSE and len(more) < MORE:
         more = np.append(more, there)
-        shares = np.sqrt(np.mean(fit.variance_with(on_axis(more), on_axis(contacts)) / largest**2, axis=1))
+        shares = _unknown(fit.variance_with(on_axis(more), on_axis(contacts)), largest)
         unknown, there = shares.max(), contacts[shares.argmax()]
     would = f"{len(more)} loads more would do" if unknown <= COARSE else f"more than {MORE} loads more are needed"
     told = ", ".join(f"{place:g}" for place in sorted(more[:3].round().tolist()))

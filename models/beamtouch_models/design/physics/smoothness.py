@@ -43,12 +43,12 @@ class Smoothness(NamedTuple):
         square, coefficients = KERNELS[self.kernel]
         scaled = cdist(first / self.lengths, second / self.lengths)
         scaled *= math.sqrt(square)
-        values = np.full_like(scaled, coefficients[-1])
+        values: Floats = np.full_like(scaled, coefficients[-1])
         for coefficient in coefficients[-2::-1]:
             values *= scaled
             values += coefficient
         np.negative(scaled, out=scaled)
-        values *= np.exp(scaled, out=scaled)
+        values *= np.exp(scaled)
         return values
 
 

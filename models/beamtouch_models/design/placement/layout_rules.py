@@ -155,6 +155,11 @@ def equal_layout(rules: LayoutRules, size_mm: Floats, count: int) -> Indices:
     """Return the allowed layout nearest to equal pitch on a structure of this size; SceneError if `fitted` has none."""
     if count < len(rules.fixed):
         raise SceneError(f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed")
+    if count > (places := len(rules.place_mm)):
+        raise SceneError(
+            f"{count} sensors do not fit on the {places} places that the rules of sensors allow, or at which sensors "
+            f"were measured; place {places} or fewer, or allow or measure more"
+        )
     layout = rules.fitted(equal_pitch_mm(size_mm, count))
     if layout is None:
         raise SceneError(

@@ -288,7 +288,8 @@ def identity_of(scene: Scene, sensors_mm: "Mapping[str, Place]") -> str:
         return identity_of_plate(scene.plate, {name: _numbers(place) for name, place in sensors_mm.items()})
     positions_mm = {name: _numbers(place)[0] for name, place in sensors_mm.items()}
     if scene.measured is not None:
-        return identity_of_measured(scene.measured, positions_mm)
+        error_mm = scene.sensors.noise_mm, scene.sensors.zero_drift_mm
+        return identity_of_measured(scene.measured, positions_mm, error_mm)
     return identity_of_beam(scene.beam, positions_mm)
 
 

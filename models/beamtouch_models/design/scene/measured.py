@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -126,8 +126,13 @@ def _where_most(loads: MeasuredLoads, length_mm: float) -> dict[str, float]:
     return places
 
 
-def identity_of_measured(measured: Measured, sensors_mm: Mapping[str, float]) -> str:
-    """Return the identity of a measured structure with some of its sensors: of its table, and of where they stand."""
+def identity_of_measured(measured: Measured, sensors_mm: Mapping[str, float], error_mm: Sequence[float | None]) -> str:
+    """Return the identity of a measured structure with some of its sensors: of its table, and of where they stand.
+
+    `error_mm`, noise and drift of zeros of a sensor, decides how smooth the characteristic of a curved one is.
+    """
     places = {name: text_of(mm) for name, mm in sensors_mm.items()}
     facts = {"influence": measured.influence, "sensors_mm": places, "curved": measured.curved}
+    facts["length_mm"] = text_of(measured.end_mm)
+    facts["error_mm"] = [text_of(mm) for mm in error_mm] if measured.curved else []
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:DIGITS]

@@ -132,8 +132,10 @@ def _rows(content: bytes, draws: int, seed: int, number: int) -> list[Row]:
 def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int, rng: np.random.Generator) -> list[Row]:
     """Play a case on the surface that a model was made for, and score its rows.
 
-    Readings with the same name are one row.
+    Readings with the same name are one row. A measured structure is another one in each case, as far as its table
+    leaves that open.
     """
+    surface = replace(surface, world=surface.world.draw(rng))
     play = case.make(DrawnContacts.of(surface, draws, rng))
     readings = surface.world.readings(play.deflection_mm, play.errors, rng)
     first = max(0, min(reading for _, reading in play.rows) - surface.decided)

@@ -25,6 +25,8 @@ from beamtouch_models.runtime.metadata import Departures, Metadata
 
 PER_CHANNEL = ("position_offset_mm", "gain", "offset_mm")
 """Departures with an entry per channel."""
+TRUTH = 1
+"""Beside the seed of the readings: that of what a table leaves open."""
 
 
 class Imperfections(Strict):
@@ -97,10 +99,16 @@ class VirtualSurface:
         if scene.measured is not None and any(departures.position_offset_mm):
             raise SceneError("position_offset_mm is for a beam; the sensors of a measured structure stay; leave it out")
         if imperfections.damping_ratio is not None:
+            if not scene.has_beam:
+                raise SceneError(
+                    "damping_ratio is for a beam; a table does not tell how a measured structure rings; leave it out"
+                )
             damped = scene.beam.model_copy(update={"damping_ratio": imperfections.damping_ratio})
             scene = scene.model_copy(update={"stated_beam": damped})
         noise_mm = ReadingErrors.of(scene, travel_of(influence_of(scene)).largest_mm).sensor_mm
         self._world = World.of(scene, self.sensor, model.layout_mm, noise_mm, departures, (0.0, length_mm))
+        # What the table of a measured structure leaves open is as unknown to the model as it is in reality.
+        self._world = self._world.draw(np.random.default_rng([seed, TRUTH]))
         if imperfections.damping_ratio is not None and self._world.modes is None:
             message = (
                 "damping_ratio needs beam.density_kg_m3 or beam.material, beam.width_mm and beam.thickness_mm in the "

@@ -249,7 +249,7 @@ def page(facts: Facts) -> str:
         negligible=NEGLIGIBLE,
         rings=[] if ringing is None else describe_ringing(ringing, "beam" if surface.scene.has_beam else "plate"),
         missed=unseen(metadata),
-        weak=weak_spot(metadata),
+        weak=weak_spot(metadata, facts.scene),
         touch=per_day(metadata.thresholds.false_contacts_per_day),
     )
 

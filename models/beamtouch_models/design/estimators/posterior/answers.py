@@ -61,9 +61,10 @@ FARTHEST = -60.0
 """Bound of an exponent, which avoids subnormal numbers; they are slow."""
 QUANTILES = (0.5, 0.025, 0.975, 0.035, 0.965)
 """The median, the ends of the interval, and the inner ends of one that reaches to the other end of the range."""
-REACH = 2.0
+REACH = 3.0
 """An end goes on to that of the range if it leaves out at most this many times what lies between the quantiles of the
-other end; from twice as much on, it does not."""
+other end; from twice as much on, it does not. Of an even density it leaves out 2.5 times as much, as also within a
+single cell, in which a contact at the end of the range may have all of its posterior."""
 SHORTEST_MM = 1e-9
 """Keeps divisors off zero."""
 MIN_MASS = 1e-26
@@ -426,4 +427,14 @@ def _reaching(graph: Graph, place: str, low_mm: float, length_mm: float) -> str:
     every = graph.apply("Concat", place, left, axis=1)
     stated = np.zeros((7, 3))
     stated[0, 0], stated[5, 1], stated[6, 2] = 1.0, 1.0, -1.0
-    return graph.apply("Gemm", every, graph.constant(stated), graph.constant([low_mm, low_mm, low_mm + length_mm]))
+    ends = _outwards(low_mm, low_mm + length_mm)
+    return graph.apply("Gemm", every, graph.constant(stated), graph.constant([low_mm, *ends]))
+
+
+def _outwards(low_mm: float, high_mm: float) -> tuple[float, float]:
+    """Return the ends of the range in float32, which does not round them inwards, past a contact at the very end."""
+    low, high = np.float32(low_mm), np.float32(high_mm)
+    return (
+        float(low if low <= low_mm else np.nextafter(low, np.float32(-np.inf))),
+        float(high if high >= high_mm else np.nextafter(high, np.float32(np.inf))),
+    )
