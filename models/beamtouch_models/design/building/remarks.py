@@ -7,18 +7,46 @@ from beamtouch_models.design.placement.placing import ALWAYS
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.scene.materials import MATERIALS
+from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.filters import Walk
+from beamtouch_models.numbers import at_least
 from beamtouch_models.runtime.metadata import Metadata
 
 TOO_MUCH = 2.0
 """Ratio of the error with one sensor failed to that with all from which a build warns."""
+SINK = 0.45
+"""Largest sink of a corner on its spring that is advised, over the length of the sensors' range."""
 SHORT_S = 60.0
 """Time in which a drift comes to the end of what the daemon follows, from which on a build does not warn."""
 
 
 def remarks(scene: Scene) -> list[str]:
     """Return what an engineer should look at again in a scene."""
+    if scene.plate is not None:
+        return [*_assumed(scene.plate), *_hard(scene, scene.plate)]
     return [*_implausible(scene.beam), *_assumed(scene.beam)] if scene.has_beam else []
+
+
+def _hard(scene: Scene, plate: Plate) -> Iterator[str]:
+    """Yield a remark on supports that make places on a plate hard to tell; plates.md of docs/how-to has the figures."""
+    if all(support.stiffness_n_per_mm is not None for support in plate.support_list):
+        return
+    low_mm, high_mm = scene.sensors.range_mm
+    softest = at_least(scene.contact.force_range_n[1] / (SINK * (high_mm - low_mm)))
+    better = f"on springs at its corners a plate errs far less: try support_stiffness_n_per_mm = {softest:g}"
+    if any(support.is_line for support in plate.support_list):
+        yield f"{_in_words(plate)} is held along lines: hardly any place is told from another there; {better}"
+    else:
+        yield (
+            f"{_in_words(plate)} stands on rigid supports: places are told by small ratios of deflections, worst "
+            f"near the supports; {better}"
+        )
+
+
+def _in_words(plate: Plate) -> str:
+    """Return what a plate is in words."""
+    x_mm, y_mm = plate.size_mm
+    return f"the plate of {x_mm:g} x {y_mm:g} x {plate.thickness_mm:g} mm"
 
 
 def _implausible(beam: Beam) -> Iterator[str]:
@@ -36,7 +64,7 @@ def _implausible(beam: Beam) -> Iterator[str]:
         yield f"{statement} is implausible for {beam.material}, which has {low:g} to {high:g} GPa; check it"
 
 
-def _assumed(beam: Beam) -> Iterator[str]:
+def _assumed(beam: Beam | Plate) -> Iterator[str]:
     """Yield a remark on a modulus that comes from the table, and scatters by more than a tenth."""
     if beam.material is None or beam.youngs_modulus_gpa is not None or beam.modulus_gpa is None:
         return

@@ -11,6 +11,7 @@ sec. 8.5).
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -60,10 +61,10 @@ def first_frequency_hz(solid: Solid) -> float | None:
     Without a closed form it comes from the influence matrix: for any supports, the largest eigenvalue of flexibility
     times mass is 1/omega^2.
     """
-    if (points := point_masses(solid)) is None:
+    if point_masses(solid) is None:
         return None
     closed = _closed_form_hz(solid) if isinstance(solid, Beam) else None
-    frequency = float(_frequencies_hz(solid, points)[0]) if closed is None else closed
+    frequency = float(_frequencies_hz(solid)[0]) if closed is None else closed
     if not SMALLEST_NORMAL <= frequency < math.inf:
         raise SceneError("beam: its natural frequency cannot be computed; check length, rigidity and density")
     return frequency
@@ -125,11 +126,11 @@ def slowest_period_ms(scene: Scene) -> float | None:
     rate, readings fall on alternate sides, and their amplitude seems to swing at the difference to half the rate.
     """
     solid, rate_hz = scene.solid, scene.sensors.rate_hz
-    points, first_hz, laden_s = point_masses(solid), first_frequency_hz(solid), laden_period_s(scene)
-    if points is None or first_hz is None or laden_s is None:
+    first_hz, laden_s = first_frequency_hz(solid), laden_period_s(scene)
+    if first_hz is None or laden_s is None:
         return None
     periods_s = [laden_s]
-    for frequency_hz in (first_hz, *_frequencies_hz(solid, points)[1:EXCITED].tolist()):
+    for frequency_hz in (first_hz, *_frequencies_hz(solid)[1:EXCITED].tolist()):
         rings_s = 1 / (damping_of(solid) * 2 * math.pi * frequency_hz)
         apparent_hz = abs(frequency_hz - round(frequency_hz / rate_hz) * rate_hz)
         beat_hz = max(min(apparent_hz, rate_hz / 2 - apparent_hz), 1e-9)
@@ -191,8 +192,11 @@ def _flexibility_s2(solid: Solid, place_mm: Floats, mass_kg: Floats) -> Floats:
     return symmetric
 
 
-def _frequencies_hz(solid: Solid, points: tuple[Floats, Floats]) -> Floats:
+@lru_cache(maxsize=4)  # a scene is asked for them several times
+def _frequencies_hz(solid: Solid) -> Floats:
     """Return the natural frequencies in Hz, lowest first; those of modes that do not move are inf."""
+    if (points := point_masses(solid)) is None:
+        raise SceneError("its mass is not stated")
     squares = np.maximum(np.linalg.eigvalsh(_flexibility_s2(solid, *points))[::-1], 0.0)
     with np.errstate(divide="ignore"):
         frequencies: Floats = 1 / (2 * math.pi * np.sqrt(squares))

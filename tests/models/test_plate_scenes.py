@@ -1,0 +1,177 @@
+"""Scenes of plates at the commands: what they refuse, what they price and advise, and where they place sensors."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beamtouch_models import Scene, SceneError, change_scene, make_scene, read_scene, resolve
+from beamtouch_models.design.physics.plate import influence
+from beamtouch_models.design.physics.structure import changed
+from beamtouch_models.design.scene import identity_of
+from beamtouch_models.design.scene.plate import Plate
+from beamtouch_models.errors import InputError
+from support.programs.in_process import Command
+from support.surfaces.example_scenes import SCENES
+
+SPRINGS = SCENES / "plate-on-springs.toml"
+
+
+def on_springs(**tables: dict[str, Any]) -> Scene:
+    return change_scene(read_scene(SPRINGS), **tables)
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"plate": {"supports": []}}, "plate: supports: nothing carries the plate; add supports"),
+        (
+            {"plate": {"supports": [{"x_mm": x, "y_mm": 0.0} for x in (0.0, 200.0, 400.0)]}},
+            "supports: all lie on one line, so the plate can tilt; add a support beside that line",
+        ),
+        ({"plate": {"supports": [{"x_mm": 401.0, "y_mm": 0.0}]}}, "x_mm = 401 lies off the plate, 0..400 mm"),
+        ({"plate": {"supports": [{"x_mm": 1.0, "y_mm": 0.0}] * 2}}, "two stand at x_mm = 1, y_mm = 0; keep one"),
+        ({"plate": {"thickness_mm": 0.003}}, "is too small for a plate; if it is in metres, write 3"),
+        ({"plate": {"thickness_mm": 90}}, "is too thick for a plate whose shorter side is 300 mm"),
+        ({"plate": {"material": None}}, "give material or youngs_modulus_gpa"),
+        ({"plate": {"youngs_modulus_gpa": 210_000}}, "plate.youngs_modulus_gpa = 210000 is more than any material has"),
+        ({"plate": {"support_stiffness_n_per_mm": 1e-5}}, "plate: a support has 1e-05 N/mm; give 0.001 to 1e+09"),
+        ({"contact": {"x_mm": None, "y_mm": None, "position_mm": [1, 9]}}, "a plate has two axes; state x_mm and y_mm"),
+        ({"contact": {"y_mm": [10, 301]}}, "contact.y_mm = [10.0, 301.0] reaches beyond the plate, 0..400 by 0..300"),
+        ({"contact": {"width_mm": 300}}, "must be less than the plate's shorter side, 300 mm"),
+        ({"sensors": {"fixed": [{"x_mm": 2, "y_mm": 9}]}}, "of size_mm = 12 reaches beyond the edge at x_mm = 0"),
+        (
+            {"sensors": {"fixed": [{"x_mm": 20, "y_mm": 20}, {"x_mm": 25, "y_mm": 25}]}},
+            "20, 20 and 25, 25 mm, 7.07 mm apart, less than size_mm = 12; move one, or correct size_mm",
+        ),
+        ({"sensors": {"keep_out": [{"x_mm": [500, 600], "y_mm": [0, 9]}]}}, "off the plate, 0..400 by 0..300 mm"),
+        ({"sensors": {"keep_out_mm": [[10, 20]]}}, "sensors.keep_out_mm is for a beam; write sensors.keep_out here"),
+        ({"beam": {"length_mm": 9, "flexural_rigidity_n_mm2": 1.0}}, "state either beam or plate, not both"),
+    ],
+)
+def test_a_wrong_plate_is_refused_in_one_line(tables: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as refused:
+        on_springs(**tables)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_keys_of_plates_are_refused_on_beams() -> None:
+    beam = {"length_mm": 400, "material": "steel", "width_mm": 25, "thickness_mm": 3}
+    contact, noise = {"force_n": 10, "position_mm": [10, 390]}, {"noise_mm": 0.002}
+    with pytest.raises(InputError, match=r"sensors\.fixed is for a plate; write sensors\.fixed_mm here"):
+        make_scene(beam=beam, contact=contact, sensors={**noise, "fixed": [{"x_mm": 1, "y_mm": 1}]})
+
+
+def test_a_plate_that_bends_by_more_than_half_its_thickness_is_refused_and_the_advice_holds() -> None:
+    thin = on_springs(plate={"thickness_mm": 1.5})
+    with pytest.raises(SceneError, match=r"beyond 0.5 it stretches, and linear theory does not hold") as refused:
+        resolve(thin)
+    thicker = float(str(refused.value).split("plate.thickness_mm = ")[1].split(" ")[0])
+    resolve(on_springs(plate={"thickness_mm": thicker}))
+
+
+def test_explain_prices_what_plates_have(design_sensors_here: Command) -> None:
+    done = design_sensors_here("explain", SPRINGS, "--json")
+    assert done.returncode == 0
+    explained = json.loads(done.stdout)
+    effects = {effect["name"]: effect for effect in explained["effects"]}
+    assert list(effects)[:6] == [
+        "shear", "large deflection", "contact width", "self-weight", "dynamics", "heat from one side"
+    ]  # fmt: skip
+    # A plate of 2.83 kg on four springs, and its own flexibility, which makes it slower.
+    assert explained["ringing"]["frequency_hz"] == pytest.approx(21.5, abs=2)
+    assert effects["shear"]["price"] < 0.2
+    assert "1 K between its faces bows it by 120 um" in effects["heat from one side"]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("supports", "told"),
+    [
+        ('"corners"', "stands on rigid supports: places are told by small ratios of deflections"),
+        ('"edges"', "is held along lines: hardly any place is told from another there"),
+    ],
+)
+def test_explain_advises_springs_before_the_plate_is_bought(
+    design_sensors_here: Command, tmp_path: Path, supports: str, told: str
+) -> None:
+    lines = [line for line in SPRINGS.read_text().splitlines() if "support_stiffness" not in line]
+    scene = tmp_path / "rigid.toml"
+    scene.write_text("\n".join(lines).replace('"corners"', supports))
+    said = " ".join(design_sensors_here("explain", scene).stderr.split())
+    assert told in said
+    assert "try support_stiffness_n_per_mm = 15" in said
+    assert "springs" not in design_sensors_here("explain", SPRINGS).stderr
+
+
+def test_sensors_of_a_plate_on_springs_stand_in_its_corners(design_sensors_roughly: Command, tmp_path: Path) -> None:
+    scene = tmp_path / "plate.toml"
+    scene.write_text(SPRINGS.read_text().replace("count = 4", "count = 4\ngrid_mm = 25"))
+    placed = json.loads(design_sensors_roughly("place", scene, "--json").stdout)
+    places = np.array(placed["positions_mm"])
+    assert np.abs(places - [[25, 25], [25, 275], [375, 25], [375, 275]]).max() <= 75
+    assert places.shape == (4, 2)
+    (taken,) = [each for each in placed["compared"] if each["layout"] == "this layout"]
+    limit_mm = placed["accuracy_limit_percent"] / 100 * 500
+    assert taken["error_mm"] == pytest.approx(limit_mm, rel=0.1)
+    table = design_sensors_roughly("place", scene).stdout
+    assert "mm from the lower left corner" in table
+    assert "% of the diagonal" in table
+
+
+def test_sensors_keep_the_rules_by_distance() -> None:
+    keep_out = [{"x_mm": [100, 300], "y_mm": [100, 200]}]
+    surface = resolve(on_springs(sensors={"keep_out": keep_out, "grid_mm": 10, "fixed": [{"x_mm": 13, "y_mm": 17}]}))
+    places = surface.rules.place_mm
+    assert places[surface.rules.fixed].tolist() == [[13.0, 17.0]]
+    to_part = np.linalg.norm(np.maximum([100, 100] - places, 0) + np.maximum(places - [300, 200], 0), axis=1)
+    assert to_part.min() >= 6
+    assert places.min() >= 6
+    assert surface.rules.gap_mm == pytest.approx(12)
+    with pytest.raises(
+        SceneError, match=r"positions_mm has 13, 17 and 20, 20 mm, 7\.62 mm apart, less than size_mm = 12"
+    ):
+        surface.layout([[13, 17], [20, 20], [25, 25]])
+    with pytest.raises(SceneError, match=r"it lacks \(13, 17\) mm, which is in sensors\.fixed"):
+        surface.layout([[200, 50], [300, 50]])
+    with pytest.raises(SceneError, match="makes more than 10000 places on the plate; make it coarser"):
+        resolve(on_springs(sensors={"grid_mm": 1}))
+
+
+def test_the_identity_is_that_of_what_moves_the_sensors() -> None:
+    scene, sensors = read_scene(SPRINGS), {"s1": (10.0, 20.0), "s2": (30.0, 40.0)}
+    own = identity_of(scene, sensors)
+    assert identity_of(on_springs(sensors={"noise_mm": 0.004}), dict(reversed(sensors.items()))) == own
+    listed = [{"x_mm": x, "y_mm": y} for x in (400.0, 0.0) for y in (300.0, 0.0)]
+    assert identity_of(on_springs(plate={"supports": listed}), sensors) == own
+    for tables in ({"thickness_mm": 3.1}, {"support_stiffness_n_per_mm": 16}, {"length_y_mm": 301}):
+        assert identity_of(on_springs(plate=tables), sensors) != own
+    assert identity_of(scene, {"s1": (10.0, 20.0), "s2": (30.0, 41.0)}) != own
+
+
+def test_a_stiffer_plate_and_its_springs_yield_less_alike() -> None:
+    plate, places = read_scene(SPRINGS).plate, np.array([[100.0, 75.0], [350.0, 50.0]])
+    assert plate is not None
+    stiffer = changed(plate, 1.25, (0.0, 0.0))
+    assert isinstance(stiffer, Plate)
+    assert influence(stiffer, places, places) == pytest.approx(influence(plate, places, places) / 1.25, rel=1e-9)
+    with pytest.raises(SceneError, match="fixity: the supports of a plate are free to rotate; give 0 for both"):
+        changed(plate, 1.0, (0.1, 0.0))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ("stiffness", "percent"), [(None, 2.83), (30.0, 0.66), (15.0, 0.39), (5.0, 0.22)], ids=["rigid", "30", "15", "5"]
+)
+def test_the_softer_the_corners_the_smaller_the_error(stiffness: float | None, percent: float) -> None:
+    """The figures of the guide, measured by other code: samples with 2 um of noise and no other error."""
+    plain = {"noise_mm": 0.002, "gain_error_percent": 0.0, "zero_drift_mm": 0.0, "size_mm": 0.0, "range_mm": [1, 8]}
+    scene = on_springs(
+        plate={"support_stiffness_n_per_mm": stiffness}, sensors=plain, requirements={"latency_ms": None}
+    )
+    surface = resolve(scene)
+    corners, quarters = [(x, y) for x in (10, 390) for y in (10, 290)], [(x, y) for x in (100, 300) for y in (75, 225)]
+    limits_mm = [surface.layout(places).limit(draws=1000).value for places in (corners, quarters)]
+    assert min(limits_mm) / 5 == pytest.approx(percent, rel=0.1)
