@@ -29,6 +29,7 @@ GUIDES = {
     "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],
     "docs/how-to/two-hosts.md": ['"surface":"strip"', "urn:beamtouch:problem:unauthorized"],
     "docs/how-to/plc.md": [r"\| `identity` ", r"old: contact.*\nposition .* to .*\nforce .* to .*\ngate [iu]"],
+    "docs/how-to/plates.md": ["heat from one side", r"the plate rings at 2\d"],
     "docs/how-to/zones.md": [r"gate +120 ", '"gate": "inside"'],
     "docs/how-to/python.md": ["( N at 1|nothing touches)"],
     "docs/how-to/drift.md": [

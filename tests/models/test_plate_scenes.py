@@ -163,7 +163,7 @@ def test_a_stiffer_plate_and_its_springs_yield_less_alike() -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
-    ("stiffness", "percent"), [(None, 2.83), (30.0, 0.66), (15.0, 0.39), (5.0, 0.22)], ids=["rigid", "30", "15", "5"]
+    ("stiffness", "percent"), [(None, 2.83), (30.0, 0.66), (15.0, 0.39), (5.0, 0.13)], ids=["rigid", "30", "15", "5"]
 )
 def test_the_softer_the_corners_the_smaller_the_error(stiffness: float | None, percent: float) -> None:
     """The figures of the guide, measured by other code: samples with 2 um of noise and no other error."""
