@@ -12,6 +12,11 @@ PLATE_AXES = ("x", "y")
 """The axes of a plate."""
 
 
+def axes_of(count: int) -> tuple[str, ...]:
+    """Return the names of one axis or two."""
+    return BEAM_AXES if count == 1 else PLATE_AXES
+
+
 @cache
 def names_of(figure: str, unit: str) -> tuple[str, str, str]:
     """Return the names of a figure and of the ends of its 95 % interval, as `x_mm`, `x_low_mm` and `x_high_mm`."""

@@ -48,6 +48,18 @@ def places_in(values: ArrayLike, name: str, length_mm: float) -> Floats:
     return numbers(values, name, least=0.0, most=length_mm)
 
 
+def places_within(values: ArrayLike, name: str, low_mm: Floats, high_mm: Floats) -> Floats:
+    """Return places (places, axes) within bounds (axes,); SceneError if one is not. Those of a beam are positions."""
+    if len(low_mm) == 1:
+        return numbers(values, name, least=float(low_mm[0]), most=float(high_mm[0]))[:, None]
+    places = np.atleast_2d(array_of(values, name))
+    if places.ndim != 2 or places.shape[1] != len(low_mm) or not len(places):
+        raise SceneError(f"{name}: give {len(low_mm)} numbers for each place, x and y")
+    for axis, column in enumerate(places.T):
+        numbers(column, name, least=float(low_mm[axis]), most=float(high_mm[axis]))
+    return places
+
+
 def whole(value: object, name: str, least: int) -> int:
     """Return a whole number; SceneError unless it is one, and at least `least`."""
     integer = int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None

@@ -78,7 +78,7 @@ SENSORS = range(2, 7)
 def placed(name: str, sensors: int) -> tuple[Scene, tuple[float, ...]]:
     """A scene and its best layout."""
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    return scene, tuple(place(*problem_in(scene), sensors, SEED).positions_mm)
+    return scene, tuple(place(*problem_in(scene), sensors, SEED).place_mm[:, 0].tolist())
 
 
 @lru_cache(maxsize=4)

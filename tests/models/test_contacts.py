@@ -25,10 +25,10 @@ def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dic
     prior = prior_of(name, sensors, noise, known=known)
     contacts = simulated(prior, count, seed)
     weight, median = contacts.drawn.weight, contacts.median_mm
-    many = np.broadcast_to(weight[:, None], contacts.likely_mm.shape)
-    off = median + contacts.distance_mm
+    many = np.broadcast_to(weight[:, None], contacts.likely_mm.shape[:2])
+    off = median + contacts.distance_mm[:, None]
     reached = contacts.reached(off)
-    held = np.abs(contacts.likely_mm - median[:, None]) < 2 * contacts.distance_mm[:, None]
+    held = np.abs(contacts.likely_mm - median[:, None])[..., 0] < 2 * contacts.distance_mm[:, None]
     return {
         "limit": reached.limit_mm,
         "error": reached.error_mm,

@@ -63,7 +63,7 @@ def test_sensors_of_a_measured_string_stand_where_enumeration_puts_them() -> Non
     found = place(string, RULES, count, 0)
     assert found.log_eigenvalue_product == pytest.approx(max(scores.values()), abs=1e-9)
     # A layout and its mirror image score the same.
-    assert scores[found.positions_mm] == pytest.approx(max(scores.values()), abs=1e-9)
+    assert scores[tuple(found.place_mm[:, 0])] == pytest.approx(max(scores.values()), abs=1e-9)
 
 
 def test_a_measured_string_has_a_number_of_sensors_a_limit_and_an_estimator() -> None:

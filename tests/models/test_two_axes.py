@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.accuracy.cell_posterior import medians_and_distances
+from beamtouch_models.design.accuracy.cell_posterior import summarize
 from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_deviation_mm
 from beamtouch_models.design.accuracy.drawing import concentrate_on_errors, draw, spread_contacts
 from beamtouch_models.design.accuracy.limit import accuracy_limit
@@ -114,8 +114,8 @@ def test_the_posterior_is_that_of_a_plain_sum_over_places_and_forces(mounting_mm
     ticks = [np.linspace(low, high, 191) for low, high in prior.extent.ranges_mm]
     places, forces = grid_of(ticks), np.linspace(*prior.force_n, 241)
     shape, spread = sunk_mm(CORNERS_MM, places), influence_of(sunk_mm).variance(CORNERS_MM, places, mounting_mm)
-    medians, distances = medians_and_distances(prior, drawn.deflection_mm)
-    for sample, median, distance in zip(drawn.deflection_mm, medians, distances, strict=True):
+    found = summarize(prior, drawn.deflection_mm)
+    for sample, median, distance in zip(drawn.deflection_mm, found.median_mm, found.distance_mm, strict=True):
         mass = np.zeros(len(places))
         for force in forces:
             variance = 0.03**2 + (0.003 * sample) ** 2 + force**2 * spread

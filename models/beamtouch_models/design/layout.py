@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from beamtouch_common.digits import Rounded, digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import limit
-from beamtouch_models.design.accuracy.posterior import posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.accuracy.thresholds import (
@@ -39,8 +38,8 @@ from beamtouch_models.design.sweeps import Fraction, Progress, silent
 from beamtouch_models.design.world import World
 from beamtouch_models.errors import SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
-from beamtouch_models.numbers import number, numbers, places_in, whole
-from beamtouch_models.places import Place, as_stated, in_rows, in_words, on_axis
+from beamtouch_models.numbers import number, numbers, places_within, whole
+from beamtouch_models.places import Place, as_stated, in_rows, in_words
 
 if TYPE_CHECKING:
     from beamtouch_models.design.model import Model
@@ -51,7 +50,7 @@ POSITIONS = 41
 
 @dataclass(frozen=True, repr=False)
 class ErrorAlong(Rounded):
-    """The accuracy limit along the beam: the mean error of contacts at each place, in mm.
+    """The accuracy limit along the beam, or over a plate: the mean error of contacts at each place, in mm.
 
     >>> along = layout.error_along([50, 200])
     >>> along.error_mm.round(1), along.standard_error_mm.round(1)
@@ -59,7 +58,7 @@ class ErrorAlong(Rounded):
     """
 
     position_mm: Floats
-    """(places,)."""
+    """(places,); on a plate (places, 2)."""
     error_mm: Floats
     """(places,)."""
     standard_error_mm: Floats
@@ -161,7 +160,8 @@ class Layout:
 
         Parameters
         ----------
-        position_mm : (places,) of contacts, in the range of the scene; default: 41, evenly over it
+        position_mm : (places,) of contacts, in the range of the scene, or (places, 2) on a plate; default: 41 evenly
+            over a beam, 36 on a plate
         draws : number of contacts at each place, of all forces of the scene
         seed : their seed
 
@@ -171,20 +171,21 @@ class Layout:
             An argument is not as its line says.
         """
         draws, prior, rng = whole(draws, "draws", 2), self.prior, np.random.default_rng(whole(seed, "seed", 0))
-        low, high = prior.extent.range_mm
-        along = np.linspace(low, high, POSITIONS) if position_mm is None else position_mm
-        places = numbers(along, "position_mm", least=low, most=high)
-        repeated = np.repeat(places, draws)
-        samples = prior.draw(on_axis(repeated), rng.uniform(*prior.force_n, size=len(repeated)), rng)
-        distance = posterior_quantiles(prior, samples)[1].reshape(-1, draws)
-        return ErrorAlong(places, distance.mean(axis=1), distance.std(axis=1, ddof=1) / math.sqrt(draws))
+        extent = prior.extent
+        along = as_stated(extent.grid(POSITIONS)) if position_mm is None else position_mm
+        places = places_within(along, "position_mm", extent.low_mm, extent.high_mm)
+        repeated = np.repeat(places, draws, axis=0)
+        samples = prior.draw(repeated, rng.uniform(*prior.force_n, size=len(repeated)), rng)
+        distance = limit.least_errors_mm(prior, samples).reshape(-1, draws)
+        standard_error = distance.std(axis=1, ddof=1) / math.sqrt(draws)
+        return ErrorAlong(as_stated(places), distance.mean(axis=1), standard_error)
 
     def simulate(self, position_mm: ArrayLike, force_n: ArrayLike, *, seed: int = 0) -> Floats:
         """Return samples of contacts with all errors that the scene states, or has by default.
 
         Parameters
         ----------
-        position_mm, force_n : (contacts,) each, or one number for all
+        position_mm, force_n : (contacts,) each, or one number for all; places of a plate are (contacts, 2)
         seed : seed of the errors: noise, gain, zero and mounting of each sensor are drawn anew for each contact
 
         Returns
@@ -203,12 +204,13 @@ class Layout:
         >>> answers["position_low_mm"] < [60, 200, 340]
         array([ True,  True,  True])
         """
-        places = places_in(position_mm, "position_mm", self.surface.influence.diagonal_mm)
+        size_mm = self.surface.influence.size_mm
+        places = places_within(position_mm, "position_mm", np.zeros(len(size_mm)), size_mm)
         forces = numbers(force_n, "force_n", least=0.0)
         if len(forces) not in (1, len(places)):
             raise SceneError(f"force_n: give one number, or one for each of {len(places)} positions, not {len(forces)}")
         rng = np.random.default_rng(whole(seed, "seed", 0))
-        return self.prior.draw(on_axis(places), np.broadcast_to(forces, places.shape), rng)
+        return self.prior.draw(places, np.broadcast_to(forces, len(places)), rng)
 
     def build(
         self,
@@ -295,20 +297,26 @@ def keep_sensors(surface: Surface, positions_mm: Sequence[Place], aim: Aim = DEF
 
 def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
     """Return the layout of sensors at positions that a script names; raises as `Surface.layout`."""
-    scene, length_mm = surface.scene, surface.influence.diagonal_mm
+    scene, size_mm = surface.scene, surface.influence.size_mm
     if scene.plate is not None:
         return _layout_on_plate(surface, scene.plate, positions_mm)
-    places_mm = places_in(positions_mm, "positions_mm", length_mm).tolist()
+    rows = places_within(positions_mm, "positions_mm", np.zeros(len(size_mm)), size_mm)
+    places_mm = as_stated(rows).tolist()
     if len(places_mm) > MAX_SENSORS:
         raise SceneError(f"positions_mm: give at most {MAX_SENSORS} positions, not {len(places_mm)}")
     if twice := [place for place in places_mm if places_mm.count(place) > 1]:
-        raise SceneError(f"positions_mm: it has {twice[0]:g} mm twice; two sensors cannot share a position")
+        raise SceneError(f"positions_mm: it has {in_words(twice[0])} mm twice; two sensors cannot share a position")
     if away := [place for place in scene.sensors.fixed_mm if place not in places_mm]:
         raise SceneError(f"positions_mm: it lacks {away[0]:g} mm, which is in sensors.fixed_mm of the scene")
     if scene.measured is not None:
-        if away := [place for place in places_mm if place not in scene.measured.places_mm.values()]:
-            raise SceneError(f"positions_mm: no sensor was measured at {away[0]:g} mm; choose among those of the table")
+        measured_mm = in_rows(list(scene.measured.places_mm.values()), len(size_mm)).tolist()
+        if away := [row for row in rows.tolist() if row not in measured_mm]:
+            message = f"positions_mm: no sensor was measured at {in_words(away[0])} mm; choose among those of the table"
+            raise SceneError(message)
         return keep_sensors(surface, places_mm)
+    if len(size_mm) > 1:  # a plate of the user's own; its sensors stand as he says
+        return keep_sensors(surface, places_mm)
+    length_mm = float(size_mm[0])
     if conflict := next(too_close(length_mm, surface.held_mm, scene.sensors, places_mm, "positions_mm has"), ""):
         raise SceneError(conflict)
     return keep_sensors(surface, places_mm)

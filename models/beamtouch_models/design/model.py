@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from beamtouch_common.digits import SHOWN, decimals_of, digits
 from beamtouch_common.files import write_atomically
+from beamtouch_common.outline import BEAM_AXES, PLATE_AXES, names_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy import evaluation
 from beamtouch_models.design.accuracy.evaluation import Evaluation
@@ -24,14 +25,15 @@ from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.numbers import array_of, numbers, whole
-from beamtouch_models.places import on_axis
+from beamtouch_models.places import in_rows, in_words
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.decision.decider import State, state_of
 from beamtouch_models.runtime.decision.evidence import CHECKED, LOG_ODDS, Weighed, evidence
 from beamtouch_models.runtime.loading import MAX_RATIO, ModelFile
-from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
+from beamtouch_models.runtime.metadata import FORCE_OUTPUTS
 
-FIGURES = (*POSITION_OUTPUTS[:3], *FORCE_OUTPUTS)
+PLACES = {axis: names_of(axis, "mm") for axis in (*BEAM_AXES, *PLATE_AXES)}
+FIGURES = (*(name for names in PLACES.values() for name in names), *FORCE_OUTPUTS)
 """Outputs that hold in a contact only."""
 STATES = "<U11"
 """The type of their names in an array; also if there are none."""
@@ -53,7 +55,7 @@ class Estimates(dict[str, NDArray[Any]]):
 
     def __repr__(self) -> str:
         """Return what is known of each sample."""
-        return "\n".join(map(self._told, range(len(self["position_mm"]))))
+        return "\n".join(map(self._told, range(len(next(iter(self.values()))))))
 
     def _told(self, row: int) -> str:
         """Return what is known of a sample."""
@@ -63,7 +65,8 @@ class Estimates(dict[str, NDArray[Any]]):
             return "clear, nothing touches"
         if state == State.UNEXPLAINED:
             return "unexplained: not one contact, or a wrong sensor"
-        told = f"contact at {_with_interval(figures, 'position', 'mm')}"
+        places = [_with_interval(figures, axis, "mm") for axis, names in PLACES.items() if names[0] in figures]
+        told = f"contact at {' and '.join(places)}"
         if "force_n" in figures:
             told += f" with {_with_interval(figures, 'force', 'n')}"
         few = f"; {self['channels'][row]} channels hardly tell it from other loads"
@@ -109,8 +112,8 @@ class Model(ModelFile):
 
     def __repr__(self) -> str:
         """Return the name of the model, and what it is good for."""
-        layout, accuracy = ", ".join(f"{place:g}" for place in self.metadata.layout_mm), self.metadata.accuracy
-        error = f"{digits(accuracy.error_percent, 3)} % of {self.metadata.length_mm:g} mm"
+        layout, accuracy = ", ".join(map(in_words, self.metadata.layout_mm)), self.metadata.accuracy
+        error = f"{digits(accuracy.error_percent, 3)} % of {self.metadata.diagonal_mm:g} mm"
         return f"Model({self.identity}, {self.metadata.estimator}, sensors at {layout} mm, mean error {error})"
 
     def __reduce__(self) -> tuple[object, tuple[bytes]]:
@@ -138,8 +141,9 @@ class Model(ModelFile):
         -------
         An array (samples,) by name. `state` is "contact", "clear", or "unexplained": neither rest nor one contact makes
         such a sample. Figures of a contact are NaN if there is none: `position_mm` is the median of what the sample
-        leaves possible, `position_low_mm` to `position_high_mm` hold 95 % of it; likewise `force_n`, `force_low_n` and
-        `force_high_n` if the scene asks for a force. `contact_log_odds` is how much likelier a contact makes the sample
+        leaves possible, `position_low_mm` to `position_high_mm` hold 95 % of it (on two axes `x_mm`, `y_mm` and so on,
+        and `place_correlation`, that of the two); likewise `force_n`, `force_low_n` and `force_high_n` if the scene
+        asks for a force. `contact_log_odds` is how much likelier a contact makes the sample
         than rest, as a natural logarithm. `misfit` is the squared distance of the sample from the best contact in
         standard deviations. `channels` is how many channels took part. The paper's network gives positions only.
 
@@ -252,8 +256,9 @@ class Model(ModelFile):
         out = [place for place, channel in enumerate(self.channels) if channel in missing]
         self._require_channels(len(self.channels) - len(out), f"missing: without {', '.join(missing)}")
         if influence is not None:
-            check_own(influence, prior.extent.range_mm, prior.force_n, prior.diagonal_mm)
-            prior = _with_own(prior, influence, on_axis(metadata.layout_mm), np.array(metadata.departures.gain))
+            check_own(influence, prior.extent.ranges_mm, prior.force_n, np.array(metadata.size_mm))
+            sensor_mm = in_rows(metadata.layout_mm, prior.extent.axes)
+            prior = _with_own(prior, influence, sensor_mm, np.array(metadata.departures.gain))
         if noise_mm is not None:
             stated_mm = numbers(noise_mm, "noise_mm", least=0.0)[0]
             check_scale(stated_mm, metadata.max_deflection_mm)

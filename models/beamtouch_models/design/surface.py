@@ -43,7 +43,7 @@ from beamtouch_models.errors import SceneError, require
 from beamtouch_models.filters import Chain
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import at_least, at_most, number, whole
-from beamtouch_models.places import on_axis
+from beamtouch_models.places import grid_of, on_axis
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.metadata import FilterChoice, Metadata, Noise, Sensor
 
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from beamtouch_models.design.layout import Layout
 
 DEFAULT_ADC_BITS = 16
+COARSEST = 100
+"""Candidates for a sensor along the longer axis of a plate, at most: a finer grid takes long and wins nothing."""
 BEYOND = 1.001
 """Smallest distance of neighbours over the mounting tolerance: just more than `check_spacing` refuses."""
 
@@ -293,7 +295,7 @@ def resolve(scene: Scene, *, influence: InfluenceFunction | None = None, chosen:
     require(scene, Scene, "scene", "what read_scene or make_scene returns")
     stated = _structure_of(scene, influence)
     travel = travel_of(stated)
-    readings, rules = readings_of(scene, travel.largest_mm), rules_of(scene, stated.diagonal_mm)
+    readings, rules = readings_of(scene, travel.largest_mm), rules_of(scene, stated.size_mm)
     chosen = chosen or choose_filter(scene, readings.reading_mm)
     effects: tuple[Effect, ...] = ()
     if readings.reading_mm > 0:
@@ -322,7 +324,7 @@ def _structure_of(scene: Scene, influence: InfluenceFunction | None) -> Influenc
     """Return the influence function of a scene's structure as stated, or that which takes its place."""
     if influence is None:
         return influence_of(scene)
-    check_own(influence, scene.contact.position_mm, scene.contact.force_range_n)
+    check_own(influence, scene.contact.ranges_mm, scene.contact.force_range_n)
     structures = ("beam", scene.has_beam), ("plate", scene.plate is not None), ("measured", scene.measured is not None)
     for name, is_stated in structures:
         if is_stated:
@@ -347,10 +349,10 @@ def held_mm_of(scene: Scene) -> tuple[float, ...]:
     return scene.beam.held_mm if scene.has_beam else ()
 
 
-def rules_of(scene: Scene, length_mm: float) -> LayoutRules:
-    """Return where sensors may stand on a structure of this length; SceneError as `sensor_positions_mm`.
+def rules_of(scene: Scene, size_mm: Floats) -> LayoutRules:
+    """Return where sensors may stand on a structure of this size; SceneError as `sensor_positions_mm`.
 
-    Those of a measured structure stand where they were measured.
+    Those of a measured structure stand where they were measured, those of a plate of the user's own on a grid.
     """
     sensors = scene.sensors
     if scene.measured is not None:
@@ -359,7 +361,11 @@ def rules_of(scene: Scene, length_mm: float) -> LayoutRules:
     distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
     if scene.plate is not None:
         return LayoutRules(*places_of_sensors(scene.plate, sensors), distance_mm)
-    allowed_mm = sensor_positions_mm(sensors, length_mm, held_mm_of(scene))
+    if len(size_mm) > 1:
+        half_mm, step_mm = sensors.size_mm / 2, max(sensors.grid_mm, float(size_mm.max()) / COARSEST)
+        ticks = [np.arange(half_mm, length - half_mm + 1e-9 * length, step_mm) for length in size_mm]
+        return LayoutRules(grid_of(ticks), np.empty(0, dtype=np.intp), distance_mm)
+    allowed_mm = sensor_positions_mm(sensors, float(size_mm[0]), held_mm_of(scene))
     return LayoutRules(on_axis(allowed_mm), np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), distance_mm)
 
 

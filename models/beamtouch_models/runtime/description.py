@@ -8,6 +8,7 @@ from beamtouch_common.outline import names_of
 from beamtouch_common.table import in_columns
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import rounded, with_error
+from beamtouch_models.places import in_words
 from beamtouch_models.runtime.force_range import ForceRange
 from beamtouch_models.runtime.metadata import EVIDENCE_OUTPUTS, Metadata
 
@@ -23,14 +24,16 @@ NARROW = 0.015
 def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     """Return the metadata as text, each number with its unit and reference."""
     accuracy, noise, chosen, sensor = metadata.accuracy, metadata.noise, metadata.filter, metadata.sensor
-    layout = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in metadata.layout)
-    low, high = metadata.ranges.position_mm
+    places = [in_words(place) for place in metadata.layout_mm]
+    layout = ", ".join(f"{channel.name} {place}" for channel, place in zip(metadata.layout, places, strict=True))
+    where = " and ".join(f"from {low:g} to {high:g} mm" for low, high in metadata.extent.ranges_mm)
     weak, strong = metadata.ranges.force_n
     known = "not known in advance" if ForceRange(weak, strong).is_open else "known to be within this range"
     force = f"{weak:g} N, an exact force" if weak == strong else f"{weak:g} to {strong:g} N, {known}"
     gaps = f"linear over gaps of {sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm"
     least, most = str(chosen.window), "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
-    mm = metadata.length_mm / 100
+    mm, is_beam = metadata.diagonal_mm / 100, len(metadata.axes) == 1
+    origin, whole = ("left end", "length") if is_beam else ("corner", "diagonal")
     error = with_error(accuracy.error_percent * mm, accuracy.error_standard_error * mm, unit=" mm")
     best = with_error(accuracy.limit_percent * mm, accuracy.limit_standard_error * mm, unit=" mm")
     share = rounded(accuracy.error_percent, accuracy.error_standard_error)
@@ -39,11 +42,14 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     bends = f"bends by up to {digits(metadata.max_deflection_mm, 3)} mm"
     rows = [
         ("model", f"{identity}, estimator {metadata.estimator}, seed {metadata.seed}"),
-        ("beam", f"{metadata.length_mm:g} mm long, {bends}; identity {metadata.beam}"),
-        ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
-        ("mounted", f"fixed_mm = {[channel.position_mm for channel in metadata.layout]} in [sensors] keeps them there"),
-        ("contact", f"from {low:g} to {high:g} mm, with {force}"),
-        ("error", f"{error} on average ({share} % of the length){_of_what(metadata)}"),
+        _structure(metadata, bends),
+        (
+            "sensors",
+            f"{layout} mm from the {origin}; at least {metadata.min_channels} must work",
+        ),
+        *([("mounted", f"fixed_mm = {metadata.layout_mm.tolist()} in [sensors] keeps them there")] if is_beam else []),
+        ("contact", f"{where}, with {force}"),
+        ("error", f"{error} on average ({share} % of the {whole}){_of_what(metadata)}"),
         ("limit", f"{best}, the best possible with these sensors; error over limit {ratio}"),
         *(("answer", f"{kind}: off by {', '.join(errors)}") for kind, errors in answers(metadata).items()),
         *_failed(metadata),
@@ -73,6 +79,12 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     return "\n".join(in_columns(rows))
 
 
+def _structure(metadata: Metadata, bends: str) -> tuple[str, str]:
+    if metadata.width_mm is None:
+        return "beam", f"{metadata.length_mm:g} mm long, {bends}; identity {metadata.beam}"
+    return "plate", f"{metadata.length_mm:g} by {metadata.width_mm:g} mm, {bends}; identity {metadata.beam}"
+
+
 def _of_what(metadata: Metadata) -> str:
     chosen = metadata.filter
     return "" if chosen.kind == "none" else f", with {chosen.window} readings of a load at rest"
@@ -87,7 +99,7 @@ def answers(metadata: Metadata) -> dict[str, list[str]]:
     for answer in metadata.accuracy.since_touch:
         for kind, percent in (("sudden touch", answer.ringing_percent), ("gentle touch", answer.error_percent)):
             if percent is not None:
-                error_mm = digits(percent * metadata.length_mm / 100, 2)
+                error_mm = digits(percent * metadata.diagonal_mm / 100, 2)
                 kinds[kind].append(f"{error_mm} mm at {digits(answer.since_ms, 3)} ms")
     return {kind: errors for kind, errors in kinds.items() if errors}
 
@@ -111,6 +123,9 @@ def per_day(rate: float) -> str:
 
 def _touch(metadata: Metadata) -> str:
     seen = metadata.smallest_force.force_n
+    if len(metadata.axes) > 1:
+        best, worst = ("nothing" if force is None else f"{digits(force, 2)} N" for force in extremes(seen))
+        return f"smallest force seen: {best} at the best place, {worst} at the worst"
     best, *ends = (
         "nothing" if force is None else f"{digits(force, 2)} N" for force in (extremes(seen)[0], seen[0], seen[-1])
     )
@@ -129,6 +144,8 @@ def unseen(metadata: Metadata) -> str:
     Right beside a support every force is missed. Where that is only a narrow stretch at an end of the range, with the
     support outside it, it is not told.
     """
+    if len(metadata.axes) > 1:
+        return _unseen_on_plate(metadata)
     weakest, (low, high) = metadata.ranges.force_n[0], metadata.ranges.position_mm
     where, forces_n = [], []
     for run in _runs(metadata, lambda force: force is None or force > weakest):
@@ -143,6 +160,21 @@ def unseen(metadata: Metadata) -> str:
     return (
         f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at "
         f"{' and '.join(_in_words(*stretch) for stretch in where)}: {', and '.join(words)}"
+    )
+
+
+def _unseen_on_plate(metadata: Metadata) -> str:
+    """Say on how much of a plate the smallest force of the scene is not seen; empty if it is seen everywhere."""
+    weakest, forces_n = metadata.ranges.force_n[0], metadata.smallest_force.force_n
+    missed = [force for force in forces_n if force is None or force > weakest]
+    if not missed:
+        return ""
+    most = extremes(missed)[1]
+    needed = "nothing is seen on some of it" if most is None else f"up to {digits(most, 2)} N is needed there"
+    share = digits(100 * len(missed) / len(forces_n), 2)
+    return (
+        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples on {share} % of the area of "
+        f"contacts: {needed}"
     )
 
 
@@ -167,7 +199,7 @@ def _in_words(low_mm: float, high_mm: float) -> str:
 
 
 def _failed(metadata: Metadata) -> list[tuple[str, str]]:
-    placed, mm = metadata.placed, metadata.length_mm / 100
+    placed, mm = metadata.placed, metadata.diagonal_mm / 100
     if not placed.limit_without_percent:
         return []
     worst = max(placed.limit_without_percent)

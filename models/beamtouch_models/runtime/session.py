@@ -1,19 +1,26 @@
 """Graphs run by onnxruntime: on one thread, with their weights in the same file."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
-from beamtouch_models.arrays import Floats32
+from beamtouch_common.outline import names_of
+from beamtouch_models.arrays import Floats, Floats32
 
 Answers = dict[str, Floats32]
 """One array (batch,) per output of a graph."""
 Run = Callable[[NDArray[np.floating], NDArray[np.floating]], Answers]
 """Takes deflections in mm (batch, channels) and their whitening in 1/mm (batch, channels, channels)."""
+
+
+def stated_mm(answers: Mapping[str, NDArray[np.floating]], axes: Sequence[str], end: int = 0) -> Floats:
+    """Return places (batch, axes) of answers: those stated, or the low (1) or the high (2) ends of their intervals."""
+    return np.stack([answers[names_of(axis, "mm")[end]] for axis in axes], axis=1).astype(np.float64)
+
 
 CHUNK = 64
 """Samples in one run of a graph, few enough for the cache."""

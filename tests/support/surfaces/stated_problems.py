@@ -17,7 +17,7 @@ from beamtouch_models.runtime.error_model import Errors
 
 def problem_in(scene: Scene) -> tuple[InfluenceFunction, LayoutRules]:
     """Influence function of a scene, and its rules for sensors."""
-    return influence_of(scene), rules_of(scene, scene.beam.length_mm)
+    return influence_of(scene), rules_of(scene, np.array([scene.beam.length_mm]))
 
 
 def errors_in(scene: Scene, noise_mm: float) -> Errors:

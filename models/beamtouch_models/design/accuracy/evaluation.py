@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beamtouch_common.digits import Rounded
+from beamtouch_common.outline import names_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.cramer_rao import cramer_rao_error_mm
 from beamtouch_models.design.accuracy.limit import simulated
@@ -20,8 +21,10 @@ from beamtouch_models.design.accuracy.statistics import (
 )
 from beamtouch_models.design.accuracy.thresholds import smallest_forces
 from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
+from beamtouch_models.places import distances_mm
 from beamtouch_models.runtime.description import extremes
 from beamtouch_models.runtime.loading import ModelFile
+from beamtouch_models.runtime.session import stated_mm
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
@@ -69,8 +72,10 @@ class Evaluation(Rounded):
     """Over the middle of the beam; None if too few contacts lie there."""
     cramer_rao_mean_mm: float | None
     position_coverage: Measurement | None
-    """Share of contacts inside their interval; None if the model gives no interval."""
+    """Share of contacts inside their interval, the mean of both axes on a plate; None if the model gives no interval.
+    """
     position_width_mm: Measurement | None
+    """Length of the interval, likewise."""
     force_coverage: Measurement | None
     force_error_n: Measurement | None
     missed: Measurement | None
@@ -80,6 +85,8 @@ class Evaluation(Rounded):
     nothing is seen there."""
     unexplained: Measurement | None
     """Share of contacts whose misfit exceeds its threshold; None for a model that states none."""
+    axis_coverage: dict[str, Measurement] | None = None
+    """On a plate, `position_coverage` of each axis."""
 
 
 def evaluate(
@@ -98,26 +105,33 @@ def evaluate(
     """
     prior = prior.without(*missing) if missing else prior
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done), spread)
-    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.drawn.weight
-    weight = np.broadcast_to(counts[:, None], likely.shape)
+    drawn, likely, counts, axes = contacts.drawn, contacts.likely_mm, contacts.drawn.weight, prior.axes
+    weight = np.broadcast_to(counts[:, None], likely.shape[:2])
     answers, thresholds = estimates(model, prior, drawn.deflection_mm, missing), model.metadata.thresholds
-    place = prior.channels - 1
+    place, estimate_mm = prior.channels - 1, stated_mm(answers, axes)
     progress(0.9)
-    worst = np.abs(answers["position_mm"] - drawn.position_mm)
-    error = contacts.error_mm(answers["position_mm"])
+    worst = distances_mm(estimate_mm - drawn.place_mm)
+    error = contacts.error_mm(estimate_mm)
     best = contacts.least_error_mm() if prior.errors.noise_mm else None
-    low, high = (end * prior.diagonal_mm for end in MIDDLE)
-    inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
+    low, high = (end * np.array(model.metadata.size_mm) for end in MIDDLE)
+    inside, drawn_inside = (((low <= places) & (places <= high)).all(axis=-1) for places in (likely, drawn.place_mm))
     span = _errors(error, best, weight, worst)
     if prior.errors.noise_mm:  # means over each posterior scatter less
-        reached = contacts.reached(answers["position_mm"])
+        reached = contacts.reached(estimate_mm)
         span = replace(span, mean_mm=reached.error_mm, limit_mean_mm=reached.limit_mm, ratio=reached.ratio)
     has_middle = drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
-    tells_contact, has_interval = "contact_log_odds" in answers, "position_low_mm" in answers
+    tells_contact, has_interval = "contact_log_odds" in answers, names_of(axes[0], "mm")[1] in answers
     tells_force, smallest_n = "force_n" in answers, None
     if tells_contact and prior.errors.noise_mm > 0:
         supports_mm = [support.at_mm for support in model.metadata.drawn.supports]
         smallest_n = extremes(smallest_forces(prior, thresholds.touch[place], supports_mm).force_n)
+    coverage, coverage_of_all, width_mm = None, None, None
+    if has_interval:
+        low_mm, high_mm = (stated_mm(answers, axes, end) for end in (1, 2))
+        held = contacts.held(low_mm, high_mm)
+        coverage = {axis: share_of(held[..., number], weight) for number, axis in enumerate(axes)}
+        coverage_of_all = share_of(held, np.broadcast_to(weight[..., None], held.shape))
+        width_mm = mean_of((high_mm - low_mm).mean(axis=1), counts)
     return Evaluation(
         noise_mm=prior.errors.noise_mm,
         draws=len(worst),
@@ -125,12 +139,8 @@ def evaluate(
         span=span,
         middle=_errors(error, best, weight * inside, worst[drawn_inside]) if has_middle else None,
         cramer_rao_mean_mm=cramer_rao_error_mm(prior) if prior.errors.noise_mm > 0 else None,
-        position_coverage=share_of(contacts.held(answers["position_low_mm"], answers["position_high_mm"]), weight)
-        if has_interval
-        else None,
-        position_width_mm=mean_of(answers["position_high_mm"] - answers["position_low_mm"], counts)
-        if has_interval
-        else None,
+        position_coverage=coverage_of_all,
+        position_width_mm=width_mm,
         force_coverage=share_of(
             (answers["force_low_n"] <= drawn.force_n) & (drawn.force_n <= answers["force_high_n"]), counts
         )
@@ -140,6 +150,7 @@ def evaluate(
         missed=share_of(answers["contact_log_odds"] <= thresholds.touch[place], counts) if tells_contact else None,
         smallest_force_n=smallest_n,
         unexplained=share_of(answers["misfit"] > thresholds.misfit[place], counts) if "misfit" in answers else None,
+        axis_coverage=coverage if len(axes) > 1 else None,
     )
 
 

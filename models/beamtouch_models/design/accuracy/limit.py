@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.design.accuracy.cell_posterior import medians_and_distances
+from beamtouch_models.design.accuracy.cell_posterior import Summaries, summarize
 from beamtouch_models.design.accuracy.drawing import Draws, draw_evenly, even_contacts
 from beamtouch_models.design.accuracy.posterior import CHUNK, posterior_quantiles
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.sweeps import Fraction, TaskMap, in_turn, silent
+from beamtouch_models.places import distances_mm
 
 LIKELY = 16
 """Number of positions that represent a posterior, with equal probability each."""
@@ -100,9 +101,15 @@ def limits_with_one_failed(prior: Prior, limit: Measurement, seed: int, effort: 
 
 def _errors_percent(prior: Prior, deflection_mm: Floats, weight: Floats) -> Floats:
     """Return the weighted mean |error| of the posterior median of samples, (draws,) in percent of the diagonal."""
-    of_axes = posterior_quantiles if prior.extent.axes == 1 else medians_and_distances
-    errors: Floats = of_axes(prior, deflection_mm)[1] * weight / prior.diagonal_mm * 100
+    errors: Floats = least_errors_mm(prior, deflection_mm) * weight / prior.diagonal_mm * 100
     return errors
+
+
+def least_errors_mm(prior: Prior, deflection_mm: Floats) -> Floats:
+    """Return the mean distance of each sample's posterior from its median, (draws,) in mm."""
+    if prior.extent.axes == 1:
+        return posterior_quantiles(prior, deflection_mm)[1]
+    return summarize(prior, deflection_mm).distance_mm
 
 
 def posterior_median_mm(prior: Prior, deflection_mm: Floats) -> Floats:
@@ -124,26 +131,27 @@ class Reached:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts on a beam and their samples, evenly spread, in the parts that `statistics` expects."""
+    """Contacts and their samples, evenly spread, in the parts that `statistics` expects."""
 
     drawn: Draws
     likely_mm: Floats
-    """(draws, LIKELY) positions that could have caused each sample; (draws, 1), the true one, without noise."""
+    """(draws, LIKELY, axes) places that could have caused each sample; (draws, 1, axes), the true one, without noise.
+    """
     median_mm: Floats
-    """Posterior medians (draws,)."""
+    """Posterior medians along each axis, (draws, axes)."""
     distance_mm: Floats
     """Mean distance of each posterior from its median (draws,)."""
 
     def error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
-        """|error| of estimates (draws,) for each likely position, in the shape of `likely_mm`."""
-        return np.abs(estimate_mm.astype(np.float64)[:, None] - self.likely_mm)
+        """|error| of estimates (draws, axes) for each likely place, (draws, LIKELY)."""
+        return distances_mm(estimate_mm.astype(np.float64)[:, None] - self.likely_mm)
 
     def least_error_mm(self) -> Floats:
         """|error| of the posterior median, whose mean is the accuracy limit."""
         return self.error_mm(self.median_mm)
 
     def reached(self, estimate_mm: NDArray[np.floating]) -> Reached:
-        """Return the mean |error| of estimates (draws,) over the posteriors of their samples, beside its limit.
+        """Return the mean |error| of estimates (draws, axes) over the posteriors of their samples, beside its limit.
 
         The value for the median is exact; the likely positions only give the difference of the estimate from it.
         """
@@ -152,7 +160,7 @@ class Contacts:
         return Reached(mean_of(error, weight), mean_of(limit, weight), ratio_of(error * weight, limit * weight))
 
     def held(self, low_mm: NDArray[np.floating], high_mm: NDArray[np.floating]) -> Bools:
-        """Return whether intervals (draws,) hold each likely position, in the shape of `likely_mm`."""
+        """Return whether intervals (draws, axes) hold each likely place along each axis, (draws, LIKELY, axes)."""
         return (low_mm[:, None] <= self.likely_mm) & (self.likely_mm <= high_mm[:, None])
 
 
@@ -163,24 +171,30 @@ def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, 
     """
     drawn = draw_evenly(prior, count, seed)
     if prior.errors.noise_mm == 0:
-        return Contacts(drawn, drawn.position_mm[:, None], drawn.position_mm, np.zeros(len(drawn.position_mm)))
+        return Contacts(drawn, drawn.place_mm[:, None], drawn.place_mm, np.zeros(len(drawn.place_mm)))
     # With a random shift, averages over the likely positions are unbiased.
-    shift = np.random.default_rng([seed, LIKELY]).uniform(size=(len(drawn.position_mm), 1))
-    levels = np.column_stack([np.full(len(shift), 0.5), (np.arange(LIKELY) + shift) / LIKELY])
-    quantiles_of_parts = []
+    shift = np.random.default_rng([seed, LIKELY]).uniform(size=(len(drawn.place_mm), 1))
+    levels, posteriors = (np.arange(LIKELY) + shift) / LIKELY, []
     length = CHUNK * max(1, -(-len(shift) // (CHUNK * REPORTS)))
     parts = [slice(start, start + length) for start in range(0, len(shift), length)]
-    for quantiles in spread(_quantiles, [(prior, drawn.deflection_mm[part], levels[part]) for part in parts]):
-        quantiles_of_parts.append(quantiles)
-        progress(len(quantiles_of_parts) / len(parts))
-    quantiles_mm = np.concatenate(quantiles_of_parts)
-    return Contacts(drawn, quantiles_mm[:, 1:-1], quantiles_mm[:, 0], quantiles_mm[:, -1])
+    for posterior in spread(_summaries, [(prior, drawn.deflection_mm[part], levels[part]) for part in parts]):
+        posteriors.append(posterior)
+        progress(len(posteriors) / len(parts))
+    likely, median, distance = (
+        np.concatenate(values)
+        for values in zip(*((one.likely_mm, one.median_mm, one.distance_mm) for one in posteriors), strict=True)
+    )
+    return Contacts(drawn, likely, median, distance)
 
 
-def _quantiles(task: tuple[Prior, Floats, Floats]) -> Floats:
-    """Return quantiles (samples, levels) of the posteriors of samples, with the mean distances as the last column."""
+def _summaries(task: tuple[Prior, Floats, Floats]) -> Summaries:
+    """Return the posteriors of samples, with their places at levels."""
     prior, deflection_mm, levels = task
-    return np.column_stack(posterior_quantiles(prior, deflection_mm, levels))
+    if prior.extent.axes > 1:
+        return summarize(prior, deflection_mm, levels)
+    with_median = np.column_stack([np.full(len(levels), 0.5), levels])
+    quantiles, distance = posterior_quantiles(prior, deflection_mm, with_median)
+    return Summaries(quantiles[:, :1], distance, quantiles[:, 1:, None])
 
 
 def simulate_until_certain(prior: Prior, count: int, seed: int) -> Contacts:

@@ -4,7 +4,7 @@ Physics ends here: a scene, a calibrated beam and a measured beam all become inf
 of the force is the range that the scene states; estimators add tails for improbable forces beyond it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Self
@@ -12,10 +12,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from beamtouch_common.outline import axes_of
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.table import PlaceTable
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
-from beamtouch_models.places import Extent
+from beamtouch_models.places import Extent, grid_of
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.force_range import ForceRange
 
@@ -170,6 +171,11 @@ class Prior:
         return replace(self, errors=Errors(noise_mm), variance_at=None)
 
     @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return axes_of(self.extent.axes)
+
+    @property
     def force_range(self) -> ForceRange:
         """The range of forces as evidence."""
         return ForceRange(*self.force_n)
@@ -193,6 +199,11 @@ class Prior:
         """Return `influence_at` places (places, axes), from the table where the noise hides its error."""
         is_exact = self.errors.noise_mm < EXACT_BELOW * self.largest_mm
         return self.influence_at(place_mm) if is_exact else self.influence_table(place_mm)
+
+    def influence_on_grid(self, ticks_mm: Sequence[Floats]) -> Floats:
+        """Return `influence_within_noise` at all places whose coordinates are among those of each axis."""
+        is_exact = self.errors.noise_mm < EXACT_BELOW * self.largest_mm
+        return self.influence_at(grid_of(list(ticks_mm))) if is_exact else self.influence_table.on_grid(ticks_mm)
 
     def without(self, *missing: int) -> Self:
         """Return the prior of the surface without some channels; `measured` remains that of all."""

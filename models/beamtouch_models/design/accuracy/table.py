@@ -1,10 +1,10 @@
 """Values over the places of an extent: a grid of them, and cubic splines between its nodes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline, NdBSpline, make_interp_spline
+from scipy.interpolate import BSpline, CubicSpline, NdBSpline, make_interp_spline
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.places import Extent, grid_of
@@ -34,6 +34,18 @@ class PlaceTable:
     def __call__(self, place_mm: Floats) -> Floats:
         """Return the values at places (..., axes), (..., columns)."""
         values: Floats = self._line(place_mm[..., 0]) if len(self._ticks) == 1 else self._surface(place_mm)
+        return values if self._least == -np.inf else np.maximum(values, self._least)
+
+    def on_grid(self, ticks_mm: Sequence[Floats]) -> Floats:
+        """Return the values at all places whose coordinates are among those of each axis, as `grid_of` orders them."""
+        if len(self._ticks) == 1:
+            return self(grid_of(list(ticks_mm)))
+        surface = self._surface
+        values: Floats = surface.c
+        for axis, (ticks, knots) in enumerate(zip(ticks_mm, surface.t, strict=True)):
+            basis = BSpline.design_matrix(ticks, knots, 3).toarray()
+            values = np.moveaxis(np.tensordot(basis, values, (1, axis)), 0, axis)
+        values = np.reshape(values, (-1, values.shape[-1]))
         return values if self._least == -np.inf else np.maximum(values, self._least)
 
     def slope(self, place_mm: Floats) -> Floats:

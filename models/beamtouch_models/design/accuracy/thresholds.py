@@ -263,12 +263,18 @@ def smallest_force_n(prior: Prior, threshold: float, place_mm: Floats) -> Floats
 def smallest_forces(prior: Prior, threshold: float, supports_mm: Iterable[float]) -> SmallestForce:
     """Return the smallest force along a beam's range of contacts; the supports within it are among the places.
 
-    Between two places, 1 over the force is nearly straight: it falls to 0 at a support.
+    Between two places, 1 over the force is nearly straight: it falls to 0 at a support. On a plate the places are a
+    grid.
     """
+    most_n = BLIND * prior.force_n[1]
+    if prior.extent.axes > 1:
+        places = prior.extent.grid(PLACES)
+        seen = [force if force <= most_n else None for force in smallest_force_n(prior, threshold, places).tolist()]
+        return SmallestForce(position_mm=places[:, 0].tolist(), across_mm=places[:, 1].tolist(), force_n=seen)
     low, high = prior.extent.range_mm
     within = [support for support in supports_mm if low <= support <= high]
     positions = np.unique(np.concatenate([np.linspace(low, high, PLACES), within]))
-    forces, most_n = smallest_force_n(prior, threshold, on_axis(positions)).tolist(), BLIND * prior.force_n[1]
+    forces = smallest_force_n(prior, threshold, on_axis(positions)).tolist()
     return SmallestForce(
         position_mm=positions.tolist(), force_n=[force if force <= most_n else None for force in forces]
     )

@@ -75,18 +75,19 @@ def build_model(
     surface, prior, scene = layout.surface, layout.prior, layout.surface.scene
     made = layout.make_estimator(estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done))
     progress("measuring the accuracy against the limit", 0.8)
+    along_mm, *across_mm = scene.contact.ranges_mm
     fields = measure(made, prior, surface, layout.world, seed, layout.aim)
-    channels = [
-        Channel(name=name, position_mm=x)
-        for name, x in zip(layout.channels, layout.placement.positions_mm, strict=True)
-    ]
+    rows = [(name, *np.atleast_1d(place).tolist(), None) for name, place in layout.channels.items()]
+    channels = [Channel(name=name, position_mm=x, across_mm=across) for name, x, across, *_ in rows]
     metadata = Metadata(
         name=name,
         beam=identity_of(scene, layout.channels),
         estimator=made.name,
         length_mm=scene.length_mm,
+        axes=list(prior.axes),
+        width_mm=scene.size_mm[1] if len(scene.size_mm) > 1 else None,
         layout=channels,
-        ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
+        ranges=Ranges(position_mm=along_mm, across_mm=next(iter(across_mm), None), force_n=scene.contact.force_range_n),
         max_deflection_mm=surface.travel.largest_mm,
         noise=surface.noise,
         filter=surface.filter,

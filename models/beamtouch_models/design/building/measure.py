@@ -38,7 +38,7 @@ from beamtouch_models.runtime.metadata import (
     SmallestForce,
     Thresholds,
 )
-from beamtouch_models.runtime.session import Run, runner
+from beamtouch_models.runtime.session import Run, runner, stated_mm
 
 ACCURACY_DRAWS, LEAST_DRAWS = 4_096, 256
 """Usual and smallest number of simulated contacts."""
@@ -125,11 +125,13 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     answers = run(deflection, prior.errors.whitening(deflection))
     if not all(np.isfinite(values).all() for values in answers.values()):
         raise NotGoodEnoughError("some answers of the model are not finite; check the scene for extreme values")
-    reached = contacts.reached(answers["position_mm"])
+    reached = contacts.reached(stated_mm(answers, prior.axes))
     if made.name != "posterior":  # the other estimators are trained and may miss the limit
         return reached
-    inside = contacts.held(answers["position_low_mm"], answers["position_high_mm"])
-    coverage, ratio = share_of(inside, np.broadcast_to(contacts.drawn.weight[:, None], inside.shape)), reached.ratio
+    inside = contacts.held(*(stated_mm(answers, prior.axes, end) for end in (1, 2)))
+    weight = np.broadcast_to(contacts.drawn.weight[:, None], inside.shape[:2])
+    shares = [share_of(inside[..., axis], weight) for axis in range(prior.extent.axes)]
+    coverage, ratio = min(shares, key=lambda share: share.value), reached.ratio
     if (
         ratio.value - SURE * ratio.standard_error <= MAX_RATIO
         and coverage.value + SURE * coverage.standard_error >= MIN_COVERAGE

@@ -9,6 +9,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_models.design.building.stored import positions_in, stored_in_file
 from beamtouch_models.design.scene import Scene, change_scene
 from beamtouch_models.errors import ModelFileError
+from beamtouch_models.places import Place, in_words
 
 
 @dataclass(frozen=True)
@@ -31,15 +32,15 @@ class Mounted:
             return False
         return True
 
-    def moves_to(self, positions_mm: tuple[float, ...]) -> str:
+    def moves_to(self, positions_mm: tuple[Place, ...]) -> str:
         """Say where the sensors of this file go if these are the new places; empty if they stay."""
-        if sorted(positions_mm) == sorted(self.positions_mm):
+        if set(positions_mm) == set(self.positions_mm):
             return ""
         pairs = zip(self.positions_mm, positions_mm, strict=False)
         if len(positions_mm) == len(self.positions_mm):
-            moved = ", ".join(f"{old:g} -> {new:g}" for old, new in pairs if old != new)
+            moved = ", ".join(f"{in_words(old)} -> {in_words(new)}" for old, new in pairs if old != new)
             return f"sensors are not where {self.file} had them: {moved} mm"
-        old, new = (", ".join(f"{place:g}" for place in places) for places in (self.positions_mm, positions_mm))
+        old, new = (", ".join(map(in_words, places)) for places in (self.positions_mm, positions_mm))
         return f"sensors are not where {self.file} had them: {old} mm; now {new} mm"
 
 

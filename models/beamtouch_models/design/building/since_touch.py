@@ -20,7 +20,8 @@ from beamtouch_models.design.effort import USUAL, Effort
 from beamtouch_models.design.replay import replay
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.world import SensorErrors, World
-from beamtouch_models.runtime.session import Run
+from beamtouch_models.places import as_stated, distances_mm
+from beamtouch_models.runtime.session import Run, stated_mm
 
 CONTACTS, KNOWN = 96, 4096
 """Usual numbers of simulated contacts that run through the filter reading by reading, which bounds the time of a
@@ -62,7 +63,7 @@ class Touches:
     def draw(cls, prior: Prior, world: World, count: int, seed: int) -> Self:
         """Draw at least `count` contacts of a prior, evenly."""
         drawn, rng = draw_evenly(prior, count, seed), np.random.default_rng([seed, prior.channels])
-        shown = world.under(drawn.position_mm, drawn.force_n)
+        shown = world.under(as_stated(drawn.place_mm), drawn.force_n)
         gain, zero_mm, mounting = rng.normal(size=(3, *shown.shape))
         if prior.variance_at is not None:
             shown = shown + mounting * drawn.force_n[:, None] * np.sqrt(prior.variance_at(drawn.place_mm))
@@ -77,9 +78,8 @@ class Touches:
         """
         valid = np.isfinite(sample_mm)
         weights = self.prior.errors.whitening(sample_mm, covariance_mm2, valid)
-        answer = run(np.where(valid, sample_mm, 0.0), weights)["position_mm"].astype(np.float64)
-        error: Floats = np.abs(answer - self.drawn.position_mm)
-        return error
+        answer_mm = stated_mm(run(np.where(valid, sample_mm, 0.0), weights), self.prior.axes)
+        return distances_mm(answer_mm - self.drawn.place_mm)
 
     def plain_errors_mm(self, run: Run, count: int, noise: Floats) -> Floats:
         """Return the errors (contacts,) for means of as many readings, whose noise is `noise` times its deviation."""

@@ -14,12 +14,13 @@ from beamtouch_models.design.estimators.paper_network import paper_graph, traine
 from beamtouch_models.design.estimators.posterior.window import posterior_graph, windowed_graph
 from beamtouch_models.design.estimators.small_network import first_stage, train
 from beamtouch_models.design.sweeps import Fraction
-from beamtouch_models.names import EstimatorName
+from beamtouch_models.errors import SceneError
+from beamtouch_models.names import ESTIMATORS, EstimatorName
 
 ENOUGH = 0.5
 """A set of channels determines a position if its error is at most this share of the error of a guess without any."""
-DRAWS, LEAST_DRAWS = 512, 64
-"""Usual and smallest number of simulated contacts."""
+DRAWS, PLATE_DRAWS, LEAST_DRAWS = 512, 128, 64
+"""Usual number of simulated contacts on a beam and on a plate, whose posteriors take longer, and the smallest."""
 MAX_SETS = 70
 """Up to this many sets of one size are all evaluated; of more, only sets of neighbours, which have the least
 information."""
@@ -34,11 +35,12 @@ def fewest_channels(prior: Prior, seed: int, effort: Effort = USUAL) -> int:
     # The mean distance from the median of a uniform distribution is a quarter of its range.
     guess_percent = float(np.linalg.norm(prior.extent.size_mm)) / 4 / prior.diagonal_mm * 100
     every = range(prior.channels)
-    for size in range(1, prior.channels):
+    usual = DRAWS if prior.extent.axes == 1 else PLATE_DRAWS
+    for size in range(prior.extent.axes, prior.channels):  # fewer channels than axes tell no place
         neighbours = (tuple(range(start, start + size)) for start in range(prior.channels - size + 1))
         sets = neighbours if comb(prior.channels, size) > MAX_SETS else combinations(every, size)
         missing = (sorted(set(every) - set(working)) for working in sets)
-        limits = limits_without(prior, missing, effort.of(DRAWS, LEAST_DRAWS), seed)
+        limits = limits_without(prior, missing, effort.of(usual, LEAST_DRAWS), seed)
         if all(compared.limit.value <= ENOUGH * guess_percent for compared in limits):
             return size
     return prior.channels
@@ -68,7 +70,14 @@ def estimator_of(
     """Make an estimator for a prior; the same seed gives the same graph.
 
     `min_noise_mm` is the noise of samples of the most readings, which a posterior must still resolve.
+
+    Raises
+    ------
+    SceneError
+        A network is asked for on two axes.
     """
+    if prior.extent.axes > 1 and name != ESTIMATORS[0]:
+        raise SceneError(f"estimator: {name} knows one axis only, and contacts have two; take {ESTIMATORS[0]}")
     match name:
         case "posterior":
             finest = prior.at_noise(min_noise_mm)

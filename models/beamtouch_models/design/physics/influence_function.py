@@ -251,17 +251,19 @@ def _travel_of_plate(influence: InfluenceFunction, force_n: float) -> Travel:
 
 def check_own(
     influence: InfluenceFunction,
-    position_mm: tuple[float, float],
+    ranges_mm: tuple[tuple[float, float], ...],
     force_n: tuple[float, float],
-    length_mm: float | None = None,
+    size_mm: Floats | None = None,
 ) -> None:
-    """Raise SceneError unless what a user gives is an influence function for these contacts, on this length if any."""
+    """Raise SceneError unless what a user gives is an influence function for these contacts, of this size if any."""
     require(influence, InfluenceFunction, "influence", "an InfluenceFunction")
-    if influence.extent.axes != 1:
-        raise SceneError(f"influence: it has {influence.extent.axes} axes, but contacts have one")
+    if (axes := influence.extent.axes) != len(ranges_mm):
+        words = {1: "one, position_mm", 2: "two, x_mm and y_mm"}
+        raise SceneError(f"influence: its number of axes is {axes}, but contact has {words[len(ranges_mm)]}")
+    own_size_mm = influence.size_mm.tolist()
     for name, own, scene in (
-        ("length_mm", (influence.diagonal_mm,), (length_mm or influence.diagonal_mm,)),
-        ("load_mm", influence.position_mm, position_mm),
+        ("length_mm", own_size_mm, own_size_mm if size_mm is None else size_mm.tolist()),
+        *(("load_mm", *pair) for pair in zip(influence.extent.ranges_mm, ranges_mm, strict=True)),
         ("force_n", influence.force_n, force_n),
     ):
         if not np.allclose(own, scene, rtol=EVEN, atol=0.0 if name == "force_n" else EVEN * influence.diagonal_mm):

@@ -89,6 +89,11 @@ class Measured(Strict):
         return farthest if self.length_mm is None else self.length_mm
 
     @property
+    def size_mm(self) -> tuple[float, ...]:
+        """Length along each axis."""
+        return (self.end_mm,)
+
+    @property
     def places_mm(self) -> dict[str, float]:
         """Positions of the sensors, by name: as stated, or where each shows most."""
         return self.sensors_mm or _where_most(self.loads, self.end_mm)

@@ -21,6 +21,7 @@ from beamtouch_models.design.scene.tables import MIN_SENSORS
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
+from beamtouch_models.places import Place
 from beamtouch_models.runtime.metadata import INPUTS, FilterChoice
 from beamtouch_models.runtime.session import open_session, runner
 
@@ -46,7 +47,7 @@ class Task:
     draws: int
     seed: int
     estimator: EstimatorName = ESTIMATORS[0]
-    kept_mm: tuple[float, ...] = ()
+    kept_mm: tuple[Place, ...] = ()
     """A layout that is placed already; none: the sensors are placed as `build` places them."""
     effort: Effort = USUAL
 
@@ -61,7 +62,7 @@ class MeasuredModel:
     """A measured model, not timed yet."""
 
     task: Task
-    positions_mm: tuple[float, ...]
+    positions_mm: tuple[Place, ...]
     reading_mm: float
     """Noise of a reading."""
     filter: FilterChoice

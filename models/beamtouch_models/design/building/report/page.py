@@ -13,6 +13,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup, escape
 
 from beamtouch_common.digits import digits
+from beamtouch_common.outline import BEAM_AXES
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.evaluation import estimates
 from beamtouch_models.design.accuracy.limit import compare_limits, limits_without, simulated
@@ -36,6 +37,7 @@ from beamtouch_models.numbers import rounded, with_error
 from beamtouch_models.places import on_axis, positions_of
 from beamtouch_models.runtime.description import SOUGHT, extremes, nothing_seen, per_day, unseen
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
+from beamtouch_models.runtime.session import stated_mm
 
 PROFILE_DRAWS, LAYOUT_DRAWS, PAIR_DRAWS, LEAST_DRAWS = 8_192, 4_096, 1_024, 256
 """Usual numbers of simulated contacts, and the smallest."""
@@ -128,20 +130,20 @@ def gather(built: Built, progress: Progress) -> Facts:
 def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
     draws = built.layout.aim.effort.of(PROFILE_DRAWS, LEAST_DRAWS)
     contacts = simulated(prior, draws, built.metadata.seed + SEED_SHIFT)
-    weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape)
-    answers = estimates(model, prior, contacts.drawn.deflection_mm)
+    weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape[:2])
+    answers, positions_mm = estimates(model, prior, contacts.drawn.deflection_mm), contacts.likely_mm[..., 0]
     edges = np.linspace(*prior.extent.range_mm, PROFILE_BINS + 1)
-    stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
+    stretch = np.clip(np.searchsorted(edges, positions_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
     def means(values: Floats) -> Floats:
         total = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
         return total / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
 
-    error_mm, inside, length_mm = contacts.error_mm(answers["position_mm"]), None, None
+    error_mm, inside, length_mm = contacts.error_mm(stated_mm(answers, BEAM_AXES)), None, None
     if "position_low_mm" in answers:
-        low, high = answers["position_low_mm"], answers["position_high_mm"]
-        inside = contacts.held(low, high).astype(np.float64)
-        length_mm = np.broadcast_to((high - low).astype(np.float64)[:, None], inside.shape)
+        low, high = (stated_mm(answers, BEAM_AXES, end) for end in (1, 2))
+        inside = contacts.held(low, high)[..., 0].astype(np.float64)
+        length_mm = np.broadcast_to(high - low, inside.shape)
 
     def part(name: str, stretches: Bools | np.bool_) -> Part:
         means_of = [None if values is None else mean_of(values, weight * stretches) for values in (inside, length_mm)]

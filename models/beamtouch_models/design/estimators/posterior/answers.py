@@ -396,13 +396,13 @@ def _state_position(graph: Graph, grid: Grid, posterior: str, length_mm: float, 
     along = graph.cast(along, np.float64) if grid.fine else along
     place = graph.apply("ReduceSum", along, graph.ints(2), keepdims=0)
     place = graph.cast(place, np.float32) if grid.fine else place
-    stated = _reaching(graph, place, grid.low_mm, length_mm)
+    stated = reaching(graph, place, grid.low_mm, length_mm)
     graph.apply("Gather", stated, graph.index(0), axis=1, output=POSITION_OUTPUTS[0])
     graph.apply("ReduceMin", stated, axes=[1], keepdims=0, output=POSITION_OUTPUTS[1])
     graph.apply("ReduceMax", stated, axes=[1], keepdims=0, output=POSITION_OUTPUTS[2])
 
 
-def _reaching(graph: Graph, place: str, low_mm: float, length_mm: float) -> str:
+def reaching(graph: Graph, place: str, low_mm: float, length_mm: float) -> str:
     """Return median and interval (batch, 3) from the QUANTILES (batch, 5), which count from the low end of the range.
 
     l and h are what the ends of the interval leave out, a and b what lies between the quantiles of the other end:

@@ -50,6 +50,7 @@ from beamtouch_models.design.estimators.posterior.cells import (
     influence_path_of,
     resolving_cells,
 )
+from beamtouch_models.design.estimators.posterior.plane import plane_graph
 from beamtouch_models.places import on_axis
 
 SAGITTA = 0.01
@@ -308,6 +309,8 @@ def posterior_graph(prior: Prior, *, with_force: bool, finest: Prior | None = No
     `finest` has the least noise that samples have, which the cells must resolve; by default that of the prior.
     """
     finest = finest or prior
+    if prior.extent.axes > 1:
+        return plane_graph(prior, with_force=with_force, finest=finest)
     count = resolving_cells(finest)
     if count is not None:
         return fixed_cells_graph(prior, count, with_force=with_force)
