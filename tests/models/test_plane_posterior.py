@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from beamtouch_models import SceneError, make_scene, resolve
 from beamtouch_models.design.accuracy.cell_posterior import summarize
 from beamtouch_models.design.accuracy.drawing import Draws, draw
 from beamtouch_models.design.accuracy.prior import Prior
@@ -127,3 +128,39 @@ def test_a_channel_that_is_missing_takes_no_part() -> None:
     for name in ("x_mm", "y_high_mm", "place_correlation"):
         off = np.abs(answers[name] - others[name])
         assert np.quantile(off, 0.98) < 0.02 * np.ptp(others[name])
+
+
+def test_a_plate_is_built_into_a_model_that_answers_by_axis() -> None:
+    scene = make_scene(
+        plate={
+            "length_x_mm": 400, "length_y_mm": 300, "thickness_mm": 3, "youngs_modulus_gpa": 210,
+            "support_stiffness_n_per_mm": 15,
+        },
+        contact={"force_n": [2, 20], "x_mm": [10, 390], "y_mm": [10, 290]},
+        sensors={"noise_mm": 0.004, "rate_hz": 200},
+        requirements={"latency_ms": 20, "descriptors": ["position", "force"]},
+    )  # fmt: skip
+    layout = resolve(scene).layout(CORNERS_MM)
+    model = layout.build("plate", effort=0.01)
+    metadata, place_mm = model.metadata, np.array([[100.0, 100.0], [200.0, 50.0], [320.0, 250.0]])
+    assert (metadata.axes, metadata.size_mm, metadata.layout_mm.tolist()) == (
+        ["x", "y"],
+        (400, 300),
+        CORNERS_MM.tolist(),
+    )
+    assert [(one.at_mm, one.across_mm, one.kind) for one in metadata.drawn.supports] == [
+        (x, y, "spring") for x in (0, 400) for y in (0, 300)
+    ]
+    assert metadata.accuracy.ratio < 1.05
+    answers = model.estimate(layout.simulate(place_mm, 10, seed=1))
+    assert answers["state"].tolist() == ["contact"] * 3
+    assert np.abs(stated_mm(answers, AXES) - place_mm).max() < 5
+    assert repr(answers).startswith("contact at 98.8 mm (95.9 to 101.7) and 99.7 mm (97.5 to 101.8) with 10.01 N")
+    assert " and " in repr(answers)
+    found = model.evaluate(draws=64)
+    assert found.axis_coverage is not None
+    assert found.axis_coverage.keys() == {"x", "y"}
+    assert min(one.value for one in found.axis_coverage.values()) > 0.9
+    assert "400 by 300 mm" in model.summary()
+    with pytest.raises(SceneError, match="knows one axis only"):
+        layout.build(estimator="small-network")

@@ -20,6 +20,7 @@ from beamtouch_models.design.scene import parse_scene
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.world import Motion, World, counts_of_output, output_of_gap
 from beamtouch_models.filters import TARED, Rested
+from beamtouch_models.places import Extent
 from beamtouch_models.runtime import ModelFile, State
 from beamtouch_service.record.events.boot_record import BootRecord
 from beamtouch_service.record.events.event import Event, EventKind
@@ -133,7 +134,8 @@ class Line:
         self.model, self.settings, self.rng = model, settings, np.random.default_rng(seed)
         metadata, section = model.metadata, SurfaceSection(stale_ms=1000)
         scene, noise_mm = parse_scene(metadata.scene, metadata.name), resolve_model(metadata).readings.sensor_mm
-        self._world = World.of(scene, metadata.sensor, metadata.layout_mm, noise_mm, None, (0.0, metadata.length_mm))
+        whole = Extent(((0.0, metadata.length_mm),))
+        self._world = World.of(scene, metadata.sensor, metadata.layout_mm, noise_mm, None, whole)
         self._motion = Motion(self._world, rings=True) if rings else None
         self.pipeline = Pipeline(settings, None, rest_of(settings), rested)
         self.surface = Served(metadata.name, model, section)

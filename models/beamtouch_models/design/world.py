@@ -5,25 +5,31 @@ effects that the scene states, also those whose price is negligible.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.design.accuracy.table import PlaceTable
 from beamtouch_models.design.physics.measured_structure import MeasuredStructure
 from beamtouch_models.design.physics.motion import GRAVITY, M_PER_MM, Following, Modes, beyond_rest, damping_of, swings
 from beamtouch_models.design.physics.structure import Structure, changed, influence, structure_of
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.errors import SceneError
+from beamtouch_models.places import Extent
 from beamtouch_models.runtime.metadata import Departures, Sensor
 
 TABLE = 1001
 """Number of load positions in the tables of deflections and modes."""
+Tabled = Callable[[Any], Floats]
+"""From numbers or arrays."""
 LINEAR = 0.1, 0.9
 """The part of the ADC's scale that the linear range of a sensor takes."""
 
@@ -54,11 +60,11 @@ class World:
     """With its departures."""
     width_mm: float
     """Length over which a load presses."""
-    loads_mm: tuple[float, float]
-    """Range of the loads."""
+    extent: Extent
+    """Places of the loads."""
     sensor: Sensor
     sensor_mm: Floats
-    """(channels,) true positions."""
+    """(channels,) true positions; on a plate (channels, 2) places."""
     noise_mm: float
     """Standard deviation of a reading, without the steps of the ADC."""
     departures: Departures
@@ -71,7 +77,7 @@ class World:
         layout_mm: Floats,
         noise_mm: float,
         departures: Departures | None = None,
-        loads_mm: tuple[float, float] | None = None,
+        extent: Extent | None = None,
     ) -> Self:
         """Return the world of a scene.
 
@@ -81,7 +87,7 @@ class World:
         sensor, layout_mm : the sensor of each channel, and their stated positions (channels,)
         noise_mm : noise of a reading, without the steps of the ADC
         departures : of the real surface from the scene; None: there are none
-        loads_mm : range of the loads; None: that of the scene's contacts
+        extent : places of the loads; None: those of the scene's contacts
 
         Raises
         ------
@@ -90,9 +96,9 @@ class World:
         """
         off = departures or Departures.none(len(layout_mm))
         structure = changed(structure_of(scene), off.rigidity, off.fixity)
-        sensor_mm = off.sensors_mm(layout_mm, structure.length_mm)
-        loads = loads_mm or scene.contact.position_mm
-        return cls(structure, scene.contact.width_mm, loads, sensor, sensor_mm, noise_mm, off)
+        sensor_mm = off.sensors_mm(layout_mm, scene.length_mm)
+        places = extent or Extent(scene.contact.ranges_mm)
+        return cls(structure, scene.contact.width_mm, places, sensor, sensor_mm, noise_mm, off)
 
     def draw(self, rng: np.random.Generator) -> "World":
         """Draw a world that agrees with what was measured of the structure; that of a beam is this one."""
@@ -111,28 +117,34 @@ class World:
         return math.hypot(self.noise_mm, self.sensor.gain_mm_per_count / math.sqrt(12))
 
     @cached_property
-    def influence(self) -> CubicSpline:
-        """From load positions (...) to deflections per newton (..., channels) in mm/N."""
-        loads = np.linspace(*self.loads_mm, TABLE)
-        return CubicSpline(loads, influence(self.structure, self.sensor_mm, loads, self.width_mm))
+    def influence(self) -> Tabled:
+        """From load positions (...) to deflections per newton (..., channels) in mm/N; on a plate from (..., 2)."""
+        return self._tabled(lambda loads: influence(self.structure, self.sensor_mm, loads, self.width_mm))
+
+    def _tabled(self, values_at: Callable[[Floats], Floats]) -> Tabled:
+        """Return a function of load positions, or of places on a plate, from a table of it."""
+        if self.extent.axes > 1:
+            return PlaceTable(self.extent, values_at)
+        loads = np.linspace(*self.extent.range_mm, TABLE)
+        line: Tabled = CubicSpline(loads, values_at(loads))
+        return line
 
     @cached_property
     def modes(self) -> Modes | None:
-        """The modes of the beam; None if the scene does not state its mass, or the structure is none."""
-        return Modes.of(self.structure, self.width_mm) if isinstance(self.structure, Beam) else None
+        """The modes of the beam or plate; None if the scene does not state its mass, or the structure is none."""
+        return Modes.of(self.structure, self.width_mm) if isinstance(self.structure, Beam | Plate) else None
 
     @property
     def damping_ratio(self) -> float:
-        """Damping ratio of the modes of the beam; SceneError if the structure is none."""
-        if not isinstance(self.structure, Beam):
+        """Damping ratio of the modes of the beam or plate; SceneError if the structure is none."""
+        if not isinstance(self.structure, Beam | Plate):
             raise SceneError("measured: a table does not tell how the structure rings; leave out what rings")
         return damping_of(self.structure)
 
     @cached_property
-    def mode_shapes(self) -> CubicSpline | None:
+    def mode_shapes(self) -> Tabled | None:
         """From load positions (...) to the shapes of the modes under the load (..., modes); None without a mass."""
-        loads = np.linspace(*self.loads_mm, TABLE)
-        return None if self.modes is None else CubicSpline(loads, self.modes.under(loads))
+        return None if self.modes is None else self._tabled(self.modes.under)
 
     @cached_property
     def share_mm(self) -> Floats:
@@ -143,8 +155,11 @@ class World:
         return share
 
     def under(self, position_mm: Floats | float, force_n: Floats | float) -> Floats:
-        """Return deflections at rest, (..., channels) in mm, of contacts of the same shape (...)."""
-        deflection: Floats = self.influence(position_mm) * np.asarray(force_n)[..., None]
+        """Return deflections at rest, (..., channels) in mm, of contacts of the same shape (...).
+
+        Places on a plate are (..., 2).
+        """
+        deflection: Floats = self.influence(np.asarray(position_mm)) * np.asarray(force_n)[..., None]
         return deflection
 
     def ringing_mm(
@@ -154,7 +169,7 @@ class World:
 
         Parameters
         ----------
-        position_mm, force_n : (loads,)
+        position_mm, force_n : (loads,); places on a plate are (loads, 2)
         seconds : (loads, readings) since the load came
         weighs : whether the load is a weight that swings with the beam
         lasting_s : time in which the load grows evenly; 0: it comes at once
@@ -174,12 +189,13 @@ class World:
     def inertia_mm(self, path_mm: Floats, force_n: Floats, step_s: float) -> Floats:
         """Return what inertia adds to the deflections at rest under a load that moves, (draws, steps, channels) in mm.
 
-        The load is at `path_mm` (draws, steps), the steps are `step_s` apart, and the force (draws,) stays. The load
-        should hardly move in a step. A beam whose mass is not stated has no inertia.
+        The load is at `path_mm` (draws, steps), on a plate (draws, steps, 2), the steps are `step_s` apart, and the
+        force (draws,) stays. The load should hardly move in a step. A structure whose mass is not stated has no
+        inertia.
         """
         modes, shapes = self.modes, self.mode_shapes
         if modes is None or shapes is None:
-            return np.zeros((*path_mm.shape, self.channels))
+            return np.zeros((*path_mm.shape[:2], self.channels))
         target = shapes(path_mm) * force_n[:, None, None]
         away = beyond_rest(target, step_s, 1 / np.sqrt(modes.square_s2), self.damping_ratio)
         added: Floats = away @ self.share_mm.T
@@ -222,16 +238,19 @@ class Motion:
             self._damping_ratio = world.damping_ratio
         self._last: tuple[float, Following] | None = None
 
-    def at(self, seconds: float, position_mm: float, force_n: float) -> Floats:
+    def at(self, seconds: float, position_mm: float | Floats, force_n: float) -> Floats:
         """Return the deflections (channels,) under a load at a time [s] that is not before the last one.
+
+        On a plate the place is (2,).
 
         The load at an instant is assumed to act since the previous one, so that a mode much faster than the instants
         follows at once.
         """
-        still: Floats = self._still(position_mm) * force_n
+        place_mm = np.asarray(position_mm)
+        still: Floats = self._still(place_mm) * force_n
         if self._shapes is None:
             return still
-        target = self._shapes(position_mm) * force_n
+        target = self._shapes(place_mm) * force_n
         before_s, followed = self._last or (seconds, Following(target, self._damping_ratio))
         self._last = (seconds, followed)
         away = followed.step(max(0.0, seconds - before_s) / self._second_per_angle, target, target) - target

@@ -65,13 +65,11 @@ def build_model(
         raise SceneError(f"name = {name!r} must {RULE}")
     if estimator not in ESTIMATORS:
         raise SceneError(f"estimator = {estimator!r} must be one of {', '.join(ESTIMATORS)}")
-    if not layout.surface.scene.has_beam and layout.surface.scene.measured is None:
+    if not layout.surface.scene.is_computed and layout.surface.scene.measured is None:
         raise SceneError(
             "influence: a model file holds the scene's beam, not an influence function of your own; its layouts have "
             "limits, but no model; name a table of it in [measured], and build that"
         )
-    if layout.surface.scene.plate is not None:
-        raise SceneError("plate: its model cannot be built yet; `place` and `explain` have its layout and its limits")
     surface, prior, scene = layout.surface, layout.prior, layout.surface.scene
     made = layout.make_estimator(estimator, seed, lambda done: progress("making the estimator", 0.3 + 0.5 * done))
     progress("measuring the accuracy against the limit", 0.8)

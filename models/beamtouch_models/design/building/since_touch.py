@@ -171,5 +171,5 @@ def answers_since_touch(
     answers = [replace(answer, error_mm=error_mm) for answer, error_mm in zip(plain, measure(still), strict=True)]
     if world.modes is None:
         return answers
-    rings = measure(readings_of(world.ringing_mm(touches.drawn.position_mm, touches.drawn.force_n, since_s)))
+    rings = measure(readings_of(world.ringing_mm(as_stated(touches.drawn.place_mm), touches.drawn.force_n, since_s)))
     return [replace(answer, ringing_mm=error_mm) for answer, error_mm in zip(answers, rings, strict=True)]

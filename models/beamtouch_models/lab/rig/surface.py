@@ -21,6 +21,7 @@ from beamtouch_models.design.world import Motion, SensorErrors, World, counts_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig.faults import Faults
 from beamtouch_models.lab.rig.loads import Load
+from beamtouch_models.places import Extent
 from beamtouch_models.runtime.metadata import Departures, Metadata
 
 PER_CHANNEL = ("position_offset_mm", "gain", "offset_mm")
@@ -94,6 +95,8 @@ class VirtualSurface:
     ) -> None:
         self.sensor, self.channels = model.sensor, len(model.layout)
         departures, length_mm = imperfections.departures(self.channels), scene.length_mm
+        if len(model.axes) > 1:
+            raise SceneError("the rig plays beams only, and this model has two axes; use Layout.simulate")
         if not all(0 <= mm <= length_mm for mm in model.layout_mm + np.array(departures.position_offset_mm)):
             raise SceneError("position_offset_mm moves a sensor off the beam")
         if scene.measured is not None and any(departures.position_offset_mm):
@@ -106,7 +109,7 @@ class VirtualSurface:
             damped = scene.beam.model_copy(update={"damping_ratio": imperfections.damping_ratio})
             scene = scene.model_copy(update={"stated_beam": damped})
         noise_mm = ReadingErrors.of(scene, travel_of(influence_of(scene)).largest_mm).sensor_mm
-        self._world = World.of(scene, self.sensor, model.layout_mm, noise_mm, departures, (0.0, length_mm))
+        self._world = World.of(scene, self.sensor, model.layout_mm, noise_mm, departures, Extent(((0.0, length_mm),)))
         # What the table of a measured structure leaves open is as unknown to the model as it is in reality.
         self._world = self._world.draw(np.random.default_rng([seed, TRUTH]))
         if imperfections.damping_ratio is not None and self._world.modes is None:
