@@ -14,7 +14,7 @@ export function bands(beam, contact, scale) {
 function rectangles(beam, contact, scale) {
   return Object.entries(beam?.zones ?? {}).flatMap(([name, { x_mm: x, y_mm: y }]) => {
     const kind = `zone ${contact?.zones?.[name] ?? "unknown"}`;
-    const at = { class: "muted", x: scale.x(x[0]) + 5, y: scale.y(y[0]) - 6 };
+    const at = { class: "muted", x: scale.x((x[0] + x[1]) / 2), y: scale.y(y[0]) - 6, "text-anchor": "middle" };
     return [svg("rect", { class: kind, ...box(scale, x, y), "data-zone": name }), svg("text", at, name)];
   });
 }
