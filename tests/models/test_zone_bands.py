@@ -57,7 +57,11 @@ def test_where_there_are_no_contacts_there_is_no_band() -> None:
     assert band_at(prior, 3.0, 1)[1:] == (0.0, 0.0)
 
 
-@pytest.mark.promise("docs/how-to/zones.md", "it prints a line for each edge within the beam")
+@pytest.mark.promise(
+    "docs/how-to/zones.md",
+    "it prints a line for each edge within the beam",
+    "`explain --zones` forecasts the zones of beams only.",
+)
 def test_explain_forecasts_each_edge_within_the_beam(
     design_sensors_roughly: Command, refused: Refusal, tmp_path: Path
 ) -> None:
@@ -80,3 +84,5 @@ def test_explain_forecasts_each_edge_within_the_beam(
     path.write_text("[zones.gate]\nfrom_mm = 120\nto_mm = 500\n")
     words = f"design-sensors: {path}: zones.gate: to_mm = 500 is beyond the end of the beam, which is 400 mm long\n"
     assert refused("explain", scene, "--zones", path) == words
+    words = "design-sensors: --zones: forecasts zones of beams only; leave it out for a structure of two axes\n"
+    assert refused("explain", SCENES / "plate-on-springs.toml", "--zones", path) == words

@@ -105,6 +105,8 @@ class Edge(NamedTuple):
 def _load_zones(path: Path, scene: Scene) -> dict[str, Zone]:
     """Read zones; InputError if the file is wrong, or a zone is none of the scene's surface."""
     zones = load_toml(_File, path).zones
+    if len(scene.contact.ranges_mm) > 1:
+        raise InputError("--zones: forecasts zones of beams only; leave it out for a structure of two axes")
     estimates_force = "force" in scene.requirements.descriptors
     if conflict := first_conflict(zones, Outline.of_beam(scene.length_mm), estimates_force=estimates_force):
         raise InputError(f"{path}: zones.{conflict}")
