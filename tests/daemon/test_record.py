@@ -37,7 +37,11 @@ async def test_loads_that_are_typed_are_recorded_and_wrong_answers_asked_again(t
     typed = ["150 10", "abc", "-3 5", "60 0", "9999 10", "150 10000", "250,5 5", ""]
     done = await talk(tmp_path, typed, "--seconds", 0.3)
     assert done.code == 0
-    assert done.out == f"2 loads in {path}; next: design-sensors calibrate MODEL {path} -o MODEL\n"
+    calibrate, build = (
+        f"design-sensors {words}"
+        for words in (f"calibrate MODEL {path} -o MODEL", f"build --loads {path} -o bench.onnx")
+    )
+    assert done.out == f"2 loads in {path}; next: {calibrate}, or without a model {build}\n"
     for said in (
         "give two numbers",
         "a position of -3 mm is not on the beam",

@@ -8,6 +8,7 @@ import pytest
 
 from beamtouch_models import change_scene, influence_matrix, load_model, make_scene, resolve
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.physics.measured_structure import measured_structure_of
 from beamtouch_models.design.scene import identity_of, parse_scene
 from beamtouch_models.errors import InputError
@@ -119,6 +120,11 @@ def with_place(row: str, place_mm: float) -> str:
     return ",".join([f"{place_mm:g}", *row.split(",")[1:]])
 
 
+def times(row: str, place: float = 1.0, force: float = 1.0, deflection: float = 1.0) -> str:
+    at, with_n, *shown = map(float, row.split(","))
+    return ",".join(f"{value:.6g}" for value in (place * at, force * with_n, *(deflection * one for one in shown)))
+
+
 BAD = {
     "sparse": (table_of(*ROWS[::4]), "loads more would do"),
     "one-sided": (table_of(*ROWS[:8]), "the loads are too far apart for contact.position_mm: at 2"),
@@ -154,6 +160,30 @@ BAD = {
         table_of(*ROWS, head=HEAD.replace("right_deflection_mm", "right_um")),
         "column 'right_um' is not known",
     ),
+    "copied column": (
+        table_of(*(",".join([*row.split(",")[:-1], row.split(",")[2]]) for row in ROWS)),
+        "left and right show the same under all loads, to the last digit",
+    ),
+    "in um, by its columns": (
+        table_of(*ROWS, head=HEAD.replace("deflection_mm", "deflection_um")),
+        "column left_deflection_um: lengths are in mm; convert it, one um is 0.001 mm",
+    ),
+    "in um, by its size": (
+        table_of(*(times(row, deflection=1000.0) for row in ROWS)),
+        "more than the structure is long; if the table is in um, divide its deflections by 1000",
+    ),
+    "forces in g, by its columns": (
+        table_of(*ROWS, head=HEAD.replace("force_n", "force_g")),
+        "column force_n is missing; convert force_g: one g weighs 0.00981 N",
+    ),
+    "places in m, by its columns": (
+        table_of(*ROWS, head=HEAD.replace("position_mm", "position_m")),
+        "column position_mm is missing; convert position_m: one um is 0.001 mm, one m 1000 mm",
+    ),
+    "two units": (
+        table_of(*ROWS, head=HEAD.replace("right_deflection_mm", "right_deflection_V")),
+        "outer is in mm and right in V",
+    ),
     "no place": (table_of(*ROWS, head=HEAD.replace("position_mm", "place")), "column position_mm is missing"),
     "no sensor": (table_of("15,10", head="position_mm,force_n"), "it has no column of a sensor"),
 }
@@ -167,6 +197,48 @@ def test_a_bad_table_is_refused_in_one_line_that_says_what_to_do(name: str, tmp_
     line = refused("build", scene, "-o", tmp_path / "leaf.onnx")
     assert wanted in line
     assert not (tmp_path / "leaf.onnx").exists()
+
+
+DOUBTFUL = {
+    "forces in g": (
+        table_of(*(times(row, force=102.0, deflection=1.0) for row in ROWS)),
+        "if the loads are in g, 100 g weigh 0.981 N",
+    ),
+    "deflections in m": (
+        table_of(*(times(row, deflection=0.001) for row in ROWS)),
+        "if the table is in m, multiply its deflections by 1000",
+    ),
+    "negative": (
+        table_of(*(times(row, deflection=-1.0) for row in ROWS)),
+        "if it comes nearer to the sensors, change the signs",
+    ),
+    "copied rows": (table_of(*ROWS, ROWS[3]), "are equal to the last digit, as copied rows are"),
+}
+
+
+@pytest.mark.parametrize("name", DOUBTFUL)
+def test_a_table_that_may_be_right_is_doubted_in_one_line(name: str) -> None:
+    table, wanted = DOUBTFUL[name]
+    remark, *others = remarks(scene_of(influence=table))
+    assert wanted in remark
+    assert not others
+
+
+def test_places_in_metres_are_told_from_a_short_structure() -> None:
+    table = table_of(*(times(row, place=0.001) for row in ROWS))
+    with pytest.raises(InputError, match=r"if the places of its loads are in metres, write 285"):
+        make_scene(
+            measured={"influence": table},
+            contact={"force_n": [2, 20], "position_mm": [0.015, 0.285]},
+            sensors={"noise_mm": 0.004, "rate_hz": 100, "range_mm": [1, 9]},
+        )
+
+
+@pytest.mark.promise("docs/reference/loads.md", "Further columns are yours")
+def test_a_table_may_have_columns_of_its_owner() -> None:
+    rows = [f"{row},kitchen scale" for row in ROWS]
+    with_more = scene_of(influence=table_of(*rows, head=f"{HEAD},remark"))
+    assert with_more == scene_of(influence=GOOD)
 
 
 def test_a_table_that_is_missing_is_refused(tmp_path: Path, refused: Refusal) -> None:
@@ -245,6 +317,7 @@ def test_loads_alone_make_a_model(tmp_path: Path, design_sensors_roughly: Comman
     done = design_sensors_roughly("build", "--loads", tmp_path / "leaf.csv", "-o", tmp_path / "leaf.onnx")
     assert done.returncode == 0, done.stderr
     assert "contacts at 15 to 285 mm with 2 to 10 N" in " ".join(done.stderr.split())
+    assert "so each is drawn where it shows most: " in done.noted
     assert "interpolation between the loads of the table costs" in " ".join(done.stderr.split())
     model = load_model(tmp_path / "leaf.onnx")
     assert 0.003 < model.metadata.noise.reading_mm < 0.005

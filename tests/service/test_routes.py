@@ -77,6 +77,7 @@ def test_the_summary_of_a_surface(bench: Bench) -> None:
         "name": "press-7",
         "beam": "beam-1",
         "channels": ["s1", "s2", "s3"],
+        "unit": "mm",
         "stale_ms": 500.0,
         "age_ms": 0.0,
         "state": "contact",

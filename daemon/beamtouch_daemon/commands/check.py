@@ -17,13 +17,14 @@ from beamtouch_common.commands import DONE
 from beamtouch_common.digits import decimals_of
 from beamtouch_common.errors import FailedError
 from beamtouch_common.table import aligned
+from beamtouch_common.units import MM
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.config.tare_file import NOT_TARED
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import readiness_of
 from beamtouch_daemon.measuring.byte_orders import find_byte_orders
-from beamtouch_daemon.measuring.figures import counts_text, rounded
+from beamtouch_daemon.measuring.figures import counts_text, heads_with_unit, rounded
 from beamtouch_daemon.processing import resolution
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
@@ -37,7 +38,8 @@ READINGS, LONGEST_S = 30, 3.0
 """Readings of a unit that is polled, and the longest time for them: they show whether requests fail now and then."""
 UNRELIABLE = 0.1
 """Share of failed requests from which on a surface is not good."""
-HEAD = ("surface", "channel", "counts", "gap mm", "deflection mm", "quality")
+HEAD = ("surface", "channel", "counts", "gap", "deflection", "quality")
+OF_UNIT = ("gap", "deflection")
 NUMBERS = (2, 3, 4)
 """Columns with numbers, which stand to the right."""
 NOT_ASKED = "The service was not asked whether it takes these samples; check --wait 5 asks it."
@@ -60,7 +62,9 @@ class ChannelCheck:
     """Both as the channel resolves them; None for a missing count."""
     quality: Quality
     decimals: int
-    """Decimals of lengths in mm that the channel resolves."""
+    """Decimals of lengths that the channel resolves."""
+    unit: str
+    """Unit of both."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +214,7 @@ def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading)
     characteristic = Characteristic.of(surface, rest_gap_mm)
     counts = counts_of([reading])
     (gaps,) = characteristic.gap(counts)
+    deflections = characteristic.deflection(gaps)
     qualities = [QUALITIES[code] for code in characteristic.quality(counts)[0].tolist()]
     steps_mm = np.maximum(resolution.finest(surface) * characteristic.steepest, surface.noise_mm or 0.0)
     checks = []
@@ -218,8 +223,8 @@ def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading)
         gap_mm = deflection_mm = None
         if not math.isnan(gaps[index]):
             gap_mm = rounded(float(gaps[index]), decimals)
-            deflection_mm = rounded(float(characteristic.rest_gap[index] - gaps[index]), decimals)
-        checks.append(ChannelCheck(name, count, gap_mm, deflection_mm, qualities[index], decimals))
+            deflection_mm = rounded(float(deflections[index]), decimals)
+        checks.append(ChannelCheck(name, count, gap_mm, deflection_mm, qualities[index], decimals, surface.value_unit))
     return tuple(checks)
 
 
@@ -245,22 +250,25 @@ def _as_json(check: SurfaceCheck, *, asked: bool) -> dict[str, object]:
 
 def _lines(checks: Sequence[SurfaceCheck], *, with_files: bool) -> Iterator[str]:
     """Yield the table, with the file of each surface if there are several, and below it what limits the readings."""
+    channels = [(check, channel) for check in checks for channel in check.channels]
+    head, ends = heads_with_unit(HEAD, OF_UNIT, [channel.unit for _, channel in channels])
+    if all(channel.unit != MM for _, channel in channels):
+        head = [name.replace("gap", "value") for name in head]
     rows = [
         (
             check.surface,
             channel.channel,
             "-" if channel.counts is None else counts_text(channel.counts),
             *(
-                "-" if length_mm is None else f"{length_mm:.{channel.decimals}f}"
+                "-" if length_mm is None else f"{length_mm:.{channel.decimals}f}{end}"
                 for length_mm in (channel.gap_mm, channel.deflection_mm)
             ),
             channel.quality.value,
             *[str(check.file)] * with_files,
         )
-        for check in checks
-        for channel in check.channels
+        for (check, channel), end in zip(channels, ends, strict=True)
     ]
-    yield from aligned([*HEAD, *["file"] * with_files], rows, right=NUMBERS)
+    yield from aligned([*head, *["file"] * with_files], rows, right=NUMBERS)
     for check in checks:
         failing = () if check.is_unreliable else check.failing
         texts = (*check.limits, *failing, "" if check.is_tared else NOT_TARED, check.doubt)

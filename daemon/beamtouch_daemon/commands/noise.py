@@ -16,9 +16,11 @@ from beamtouch_common.commands import DONE
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.table import aligned
+from beamtouch_common.units import MM
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.measuring.at_rest import NotAtRestError, select_rest
+from beamtouch_daemon.measuring.figures import heads_with_unit
 from beamtouch_daemon.measuring.noise import ChannelNoise, Keys, keys_of, measure_noise, readings_needed
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import Buses, source_of
@@ -33,7 +35,8 @@ MAX_READINGS = 2_000_000
 """Limit of the readings of a surface, for memory."""
 PATIENCE_S = 60.0
 """Limit of the extra time when readings are lost; the time that was asked for, if that is longer."""
-HEAD = ("surface", "channel", "noise mm", "correlation ms", "effective mm", "drift mm", "step mm")
+HEAD = ("surface", "channel", "noise", "correlation ms", "effective", "drift", "step")
+OF_UNIT = ("noise", "effective", "drift", "step")
 
 
 class Recording(NamedTuple):
@@ -168,25 +171,27 @@ def _as_json(measurement: Measurement) -> dict[str, object]:
 
 def report(measurements: Sequence[Measurement]) -> list[str]:
     """Return the lines for people: a table of all channels, then the lines to paste for each surface."""
+    head, ends = heads_with_unit(HEAD, OF_UNIT, [measurement.settings.value_unit for measurement in measurements])
     rows = [
         (
             measurement.surface,
             channel.channel,
-            digits(channel.noise_mm, 3),
+            digits(channel.noise_mm, 3) + end,
             digits(measurement.correlation_ms(channel), 2),
-            digits(channel.effective_noise_mm, 3),
-            digits(channel.drift_mm, 2),
-            digits(channel.step_mm, 3) if channel.step_mm else "-",
+            digits(channel.effective_noise_mm, 3) + end,
+            digits(channel.drift_mm, 2) + end,
+            digits(channel.step_mm, 3) + end if channel.step_mm else "-",
         )
-        for measurement in measurements
+        for measurement, end in zip(measurements, ends, strict=True)
         for channel in measurement.channels
     ]
-    table = aligned(HEAD, rows, right=range(2, len(HEAD)))
+    table = aligned(head, rows, right=range(2, len(head)))
     return [*table, *(line for measurement in measurements for line in _lines_to_paste(measurement))]
 
 
 def _lines_to_paste(measurement: Measurement) -> list[str]:
     keys, name = measurement.keys, measurement.surface
+    unit = "" if measurement.settings.value_unit == MM else f"        # in {measurement.settings.value_unit}"
     counts, lost, seconds = measurement.recording
     taken = f"{len(counts)} readings in {digits(seconds, 3)} s{f', {lost} lost' if lost else ''}"
     return [
@@ -195,14 +200,14 @@ def _lines_to_paste(measurement: Measurement) -> list[str]:
         *_remarks(measurement),
         "",
         f"[surfaces.{json.dumps(name)}]        # in the daemon's configuration",
-        f"noise_mm = {keys.daemon_noise_mm!r}",
+        f"noise_mm = {keys.daemon_noise_mm!r}{unit}",
         *(
             f"stuck_after_ms = {time!r}        # under the channel {channel}: noise_mm would call it stuck"
             for channel, time in keys.stuck_after_ms.items()
         ),
         "",
         "[sensors]        # in the scene, without noise_percent_of_max; then build the model again",
-        f"noise_mm = {keys.scene_noise_mm!r}",
+        f"noise_mm = {keys.scene_noise_mm!r}{unit}",
         f"zero_drift_mm = {keys.zero_drift_mm!r}        # {_drift_within(keys)}",
         *([] if keys.adc_bits is None else [f"adc_bits = {keys.adc_bits}"]),
         *_places(measurement.settings),

@@ -21,6 +21,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.outline import BEAM_AXES
 from beamtouch_common.typed import is_terminal, typed_line
+from beamtouch_common.units import MM
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Surface
@@ -89,9 +90,17 @@ def run(arguments: argparse.Namespace) -> int:
     except SourceError as error:
         raise FailedError(f"{name}: {error}; {file}") from None
     if file.loads:
-        print(f"{file.loads} loads in {path}; next: design-sensors calibrate MODEL {shlex.quote(str(path))} -o MODEL")
+        print(f"{file.loads} loads in {path}; next: {_next_step(shlex.quote(str(path)), name, surface)}")
     _require_all(dialogue, file, name)
     return DONE
+
+
+def _next_step(path: str, name: str, surface: Surface) -> str:
+    """Return the command that takes the recording; a configuration that names no beam may have no model yet."""
+    calibrate = f"design-sensors calibrate MODEL {path} -o MODEL"
+    if surface.beam is not None:
+        return calibrate
+    return f"{calibrate}, or without a model design-sensors build --loads {path} -o {name}.onnx"
 
 
 def _require_all(dialogue: "Dialogue", file: LoadFile, name: str) -> None:
@@ -185,7 +194,7 @@ async def record_load(surface: Surface, rest_gap_mm: dict[str, float], load: Loa
     Raises
     ------
     LoadRefusedError
-        The surface did not settle within `GIVE_UP_S`, or the load moved, is not seen, or deflects the beam upwards.
+        The surface did not settle within `GIVE_UP_S`, or the load moved, is not seen, or opens gaps.
     SourceError
         The source failed.
     """
@@ -237,19 +246,19 @@ def _require_still_and_seen(readings: Sequence[Reading], surface: Surface, rest_
         values = deflections[good[:, index], index]
         if len(values) < 2:
             continue
-        if moved := describe_motion(values, step, surface.noise_mm):
+        if moved := describe_motion(values, step, surface):
             raise LoadRefusedError(f"the load moved while it was recorded: {name}, {moved}")
         mean, noise_mm = float(np.mean(values)), noise_of(values, surface.noise_mm)
         is_seen = is_seen or abs(mean) > VISIBLE_DEVIATIONS * noise_mm + step
         if not channel or abs(mean) > abs(largest):
             largest, channel, noise = mean, name, noise_mm
-    message = ""
+    message, unit = "", surface.value_unit
     if not channel:
         message = "no channel gave good readings"
     elif not is_seen:
-        message = f"no load is seen: the largest deflection is {digits(abs(largest), 2)} mm ({channel}), noise "
-        message += f"{digits(noise, 2)} mm"
-    elif largest < 0:
+        message = f"no load is seen: the largest deflection is {digits(abs(largest), 2)} {unit} ({channel}), noise "
+        message += f"{digits(noise, 2)} {unit}"
+    elif largest < 0 and unit == MM:
         message = f"the largest deflection is negative: {digits(largest, 2)} mm ({channel}), against the load, "
         message += "which is right only where an overhang lifts"
     if message:

@@ -34,7 +34,7 @@ FIRST_REMEDY = (
     "a load and a sensor mounted elsewhere look alike"
 )
 WARMTH_REMEDY = (
-    "all have changed about alike, by {:+.3f} mm, as in a hall that warms or cools, and unlike most loads: look that "
+    "all have changed about alike, by {:+.3f} {}, as in a hall that warms or cools, and unlike most loads: look that "
     "nothing touches the beam, wait until it no longer drifts, and add --accept-change; if the hall does so often, "
     "state how fast in zero_tracking.drift_um_per_min"
 )
@@ -78,7 +78,7 @@ def _tare(config: Config, name: str, *, accept_change: bool) -> None:
     except OSError as error:
         raise FailedError(f"{name}: cannot write {path}: {error.strerror}") from error
     decimals = max(MIN_DECIMALS, decimals_of(surface.noise_mm or 1.0))
-    text = ", ".join(f"{channel} {gap:.{decimals}f} mm" for channel, gap in gaps.items())
+    text = ", ".join(f"{channel} {gap:.{decimals}f} {surface.value_unit}" for channel, gap in gaps.items())
     print(f"{name}: rest gaps {text}, mean of {len(readings)} readings, in {path}")
     answers = {None: "the service could not be asked, or has no contact to give", "": "the service sees a beam at rest"}
     answer = answers.get(contact, f"the service sees {contact}")
@@ -104,7 +104,9 @@ def _measure_rest(
     contradictions = tares.find_contradictions(gaps, last_mm, surface, since_s)
     if contradictions and not accept_change:
         warmth_mm = tares.common_mm(gaps, last_mm, surface)
-        remedy = WARMTH_REMEDY.format(warmth_mm) if warmth_mm else REMEDY if last_mm else FIRST_REMEDY
+        remedy = (
+            WARMTH_REMEDY.format(warmth_mm, surface.value_unit) if warmth_mm else REMEDY if last_mm else FIRST_REMEDY
+        )
         raise NotAtRestError(f"{', '.join(contradictions)}; {remedy}")
     return gaps
 

@@ -13,6 +13,7 @@ from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_vali
 from beamtouch_common.errors import InputError
 from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS, PLATE_AXES
 from beamtouch_common.secrets import read_token
+from beamtouch_common.units import MM
 from beamtouch_daemon.config import tare_file as tares
 from beamtouch_daemon.config.modules import Module
 from beamtouch_daemon.config.publish import Publish, trust
@@ -171,10 +172,27 @@ class Surface(Strict):
         if self.noise_mm is not None and self.noise_mm >= smallest_mm / 2:
             message = (
                 f"noise_mm = {self.noise_mm:g} is half the range of a sensor or more; "
-                f"if it is in um, write {self.noise_mm / 1e3:g}"
+                f"if it is in {'um' if self.value_unit == MM else 'another unit'}, write {self.noise_mm / 1e3:g}"
             )
             raise ValueError(message)
         return self
+
+    @model_validator(mode="after")
+    def _channels_have_one_unit(self) -> Self:
+        units = {channel.value_unit: channel.name for channel in self.channels}
+        if len(units) > 1:
+            (first, name), (second, other) = list(units.items())[:2]
+            message = (
+                f"{name} has the value_unit {first} and {other} has {second}; the channels of a surface have one, as "
+                "noise_mm is that of all"
+            )
+            raise ValueError(message)
+        return self
+
+    @property
+    def value_unit(self) -> str:
+        """Unit of what all channels show."""
+        return self.channels[0].value_unit
 
     @property
     def axes(self) -> tuple[str, ...]:

@@ -6,14 +6,15 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
+from beamtouch_common.units import MM, Unit
 from beamtouch_daemon.config import value_types
 from beamtouch_daemon.config.sources import Host, Strict
 from beamtouch_daemon.config.value_types import ValueType
 from beamtouch_models.filters import readings_within
 from beamtouch_service.samples import ChannelName
 
-LARGEST = 1e6
-"""Largest length [mm], rate and slope: a larger one is a mistake, and figures overflow."""
+LARGEST = 1e9
+"""Largest length [mm], rate and slope: a larger one is a mistake, and figures overflow. Values may be counts."""
 CUT_COUNTS = 4.0
 CUT_PARTS = 0.001, 0.01
 """An input of 0 to 10 V without its cable shows up to so many counts: at least the first part of the largest one in the
@@ -129,6 +130,10 @@ class Channel(Strict):
     type: ValueType | None = None
     """Modbus: data type of the counts; default: the module's, or u16. Those of f32 and f64 are fractional numbers, for
     example in mm, V or mA."""
+    value_unit: Unit = MM
+    """Unit of what the sensor shows, as "uV/V", "counts" or "uT". If it is not mm, a value takes the place of the gap:
+    deflection = value - value at rest. All keys in `_mm` of the channel are in it, and so are those of the surface, and
+    `_um` is a thousandth of it; the channels of a surface have one unit. Default: mm, a gap."""
     gain_mm_per_count: Annotated[Length, AfterValidator(_not_flat)] | None = None
     """gap = offset + gain x counts."""
     offset_mm: Length | None = None
@@ -172,7 +177,7 @@ class Channel(Strict):
         if self.table is None and missing:
             raise ValueError(f"{' and '.join(missing)} missing; give gain_mm_per_count with offset_mm, or a table")
         if self.table is not None:
-            _check_table(self.table)
+            _check_table(self.table, self.value_unit)
         return self
 
     @property
@@ -228,15 +233,19 @@ class Channel(Strict):
         return max(counts, CUT_PARTS[0] * largest)
 
 
-def _check_table(table: tuple[tuple[float, float], ...]) -> None:
+def _check_table(table: tuple[tuple[float, float], ...], unit: str) -> None:
     if len(table) < 2:
         raise ValueError(f"table needs at least 2 points [counts, gap_mm], not {len(table)}")
     for before, after in pairwise(table):
         if not before[0] < after[0]:
             raise ValueError(f"table: counts must increase, but {after[0]:g} follows {before[0]:g}")
         if after[1] == before[1] or (after[1] > before[1]) != (table[1][1] > table[0][1]):
-            message = f"table: gaps must all increase or all decrease, but {after[1]:g} mm follows {before[1]:g} mm"
+            message = (
+                f"table: gaps must all increase or all decrease, but {after[1]:g} {unit} follows {before[1]:g} {unit}"
+            )
             raise ValueError(message)
         if not SMALLEST_SLOPE <= abs(after[1] - before[1]) / (after[0] - before[0]) <= LARGEST:
             span = f"from {before[0]:g} to {after[0]:g} counts"
-            raise ValueError(f"table: the slope {span} is not within {SMALLEST_SLOPE:g} to {LARGEST:g} mm per count")
+            raise ValueError(
+                f"table: the slope {span} is not within {SMALLEST_SLOPE:g} to {LARGEST:g} {unit} per count"
+            )

@@ -73,7 +73,7 @@ def rest_gaps(counts: FloatArray, surface: Surface) -> dict[str, float]:
     _require_good(characteristic.quality(counts), surface.channel_names, max_share=0.0)
     gaps = characteristic.gap(counts)
     for name, gap, step_mm in zip(surface.channel_names, gaps.T, steps_mm(counts, surface).tolist(), strict=True):
-        if moved := describe_motion(gap, step_mm, surface.noise_mm):
+        if moved := describe_motion(gap, step_mm, surface):
             raise NotAtRestError(f"{name} moved: {moved}; take everything off the beam and try again")
     return dict(zip(surface.channel_names, np.mean(gaps, axis=0).tolist(), strict=True))
 
@@ -95,9 +95,9 @@ def noise_of(gap_mm: FloatArray, noise_mm: float | None) -> float:
     return float(np.std(np.diff(gap_mm))) / math.sqrt(2.0) if noise_mm is None else noise_mm
 
 
-def describe_motion(gap_mm: FloatArray, step_mm: float, noise_mm: float | None) -> str:
+def describe_motion(gap_mm: FloatArray, step_mm: float, surface: Surface) -> str:
     """Describe the motion in the gaps of a channel, shape (readings,); empty if noise and one ADC step explain it."""
-    noise = noise_of(gap_mm, noise_mm)
+    noise, unit = noise_of(gap_mm, surface.noise_mm), surface.value_unit
     spread = float(np.std(gap_mm))
     first, second = np.array_split(gap_mm, 2)
     drift = abs(float(np.mean(second) - np.mean(first)))
@@ -105,7 +105,8 @@ def describe_motion(gap_mm: FloatArray, step_mm: float, noise_mm: float | None) 
     max_drift = min(MAX_DRIFT, DRIFT_DEVIATIONS * 2 / math.sqrt(len(gap_mm))) * noise
     if spread <= MAX_SPREAD * noise + step_mm and drift <= max_drift + step_mm:
         return ""
-    return f"standard deviation {digits(spread, 2)} mm, drift {digits(drift, 2)} mm, noise {digits(noise, 2)} mm"
+    sizes = (("standard deviation", spread), ("drift", drift), ("noise", noise))
+    return ", ".join(f"{name} {digits(size, 2)} {unit}" for name, size in sizes)
 
 
 def select_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, float]) -> FloatArray:
@@ -195,10 +196,11 @@ def _find_jump(gaps: FloatArray, step_mm: FloatArray, surface: Surface) -> str:
         width = max(JUMP_READINGS, round(JUMP_S * surface.rate_hz))
         if jump := _largest_jump(medians[:, index], width, float(step_mm[index])):
             place, size_mm = jump
-            return f"{channel.name} moved by {digits(size_mm, 2)} mm after {digits(place / surface.rate_hz, 3)} s"
+            moved, after_s = digits(size_mm, 2), digits(place / surface.rate_hz, 3)
+            return f"{channel.name} moved by {moved} {surface.value_unit} after {after_s} s"
         drift_mm = float(np.ptp(fifths[:, index]))
         if drift_mm > minutes * DRIFTS_WITHIN * (channel.range_mm[1] - channel.range_mm[0]):
-            return f"{channel.name} drifted by {digits(drift_mm, 2)} mm"
+            return f"{channel.name} drifted by {digits(drift_mm, 2)} {surface.value_unit}"
     return ""
 
 

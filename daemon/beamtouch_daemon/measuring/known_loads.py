@@ -14,11 +14,14 @@ from beamtouch_common.encodings import decode
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import require_writable
 from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS
+from beamtouch_common.units import MM
 from beamtouch_daemon.config.settings import Loads, Surface
 from beamtouch_daemon.measuring.figures import counts_text, rounded
 from beamtouch_daemon.processing.pipeline import TimedSample
 
-CHANNEL_COLUMNS = ("counts", "deflection_mm", "quality")
+DIGITS = 9
+"""Significant digits of a deflection that is not in mm."""
+CHANNEL_COLUMNS = ("counts", "deflection_{unit}", "quality")
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ class LoadFile:
     Parameters
     ----------
     path : The file.
-    surface : Its axes and channels are those of the file.
+    surface : Its axes, channels and unit are those of the file.
     append : Whether to add to an existing file.
 
     Raises
@@ -95,9 +98,11 @@ class LoadFile:
         """Number of the last load in the file; 0 if there is none."""
         self._recorded: list[tuple[int, Load]] = []
         """Position in the file, and load, of each load that was added."""
+        self._unit = surface.value_unit
+        columns = [column.format(unit=self._unit) for column in CHANNEL_COLUMNS]
         self._header = [
             *("unix_time_s", "load", *(f"{axis}_mm" for axis in surface.axes), "force_n"),
-            *(f"{name}_{column}" for name in surface.channel_names for column in CHANNEL_COLUMNS),
+            *(f"{name}_{column}" for name in surface.channel_names for column in columns),
         ]
         if path.exists() and not append:
             raise InputError(f"{path}: already exists; add --append or name another file")
@@ -108,7 +113,7 @@ class LoadFile:
     def write(self, load: Load, samples: Sequence[TimedSample]) -> None:
         """Add a load, and begin the file with the first one; FailedError if that is impossible."""
         number = self.loads + 1
-        rows: list[Sequence[object]] = [_row(number, load, taken) for taken in samples]
+        rows: list[Sequence[object]] = [_row(number, load, taken, self._unit) for taken in samples]
         size = self.path.stat().st_size if self.path.exists() else 0
         try:
             with self.path.open("a", newline="", encoding="utf-8") as file:
@@ -156,10 +161,15 @@ def _last_load(path: Path, header: Sequence[str]) -> int:
     raise InputError(message)
 
 
-def _row(number: int, load: Load, taken: TimedSample) -> list[object]:
+def _row(number: int, load: Load, taken: TimedSample, unit: str) -> list[object]:
     sample = taken.sample
     cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", number, *load.place_mm, load.force_n]
     for count, value, quality in zip(taken.reading.counts, sample.deflection_mm, sample.quality, strict=True):
-        deflection = "" if value is None else f"{rounded(value, MAX_DECIMALS):.{MAX_DECIMALS}f}"
+        deflection = "" if value is None else _deflection_text(value, unit)
         cells += ["" if count is None else counts_text(count), deflection, quality.value]
     return cells
+
+
+def _deflection_text(value: float, unit: str) -> str:
+    """Return a deflection: to a nanometre if it is in mm, to digits that no sensor has in another unit."""
+    return f"{rounded(value, MAX_DECIMALS):.{MAX_DECIMALS}f}" if unit == MM else f"{value:.{DIGITS}g}"

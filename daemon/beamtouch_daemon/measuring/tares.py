@@ -41,7 +41,7 @@ def find_contradictions(
     reference = "the last tare" if last_mm else "its rest_gap_mm"
     differences = _differences(rest_gap_mm, last_mm, surface, _warmth_mm(rest_gap_mm, last_mm, surface, since_s))
     contradictions = [
-        f"{name} {difference_mm:+.{max(3, decimals_of(allowed_mm))}f} mm from {reference}"
+        f"{name} {difference_mm:+.{max(3, decimals_of(allowed_mm))}f} {surface.value_unit} from {reference}"
         for name, difference_mm, allowed_mm in differences
         if abs(difference_mm) > allowed_mm
     ]
@@ -96,13 +96,13 @@ def describe_comparison(
     name, difference_mm, _ = max(differences, key=lambda difference: abs(difference[1]))
     smallest_mm = min(allowed_mm for _, _, allowed_mm in differences)
     what = "compared with the last tare" if last_mm else "first tare, compared with rest_gap_mm"
-    text = (
-        f"{what}: {name} differs most, by {digits(abs(difference_mm), 2)} mm; {digits(smallest_mm, 2)} mm are allowed"
-    )
+    unit = surface.value_unit
+    differs, allowed = (f"{digits(size_mm, 2)} {unit}" for size_mm in (abs(difference_mm), smallest_mm))
+    text = f"{what}: {name} differs most, by {differs}; {allowed} are allowed"
     if abs(warmth_mm) > smallest_mm:
         text += (
-            f"; all gaps changed by about {warmth_mm:+.{max(3, decimals_of(smallest_mm))}f} mm, taken for warmth: a "
-            "load that moves all sensors about alike would pass, too, so look at the beam"
+            f"; all gaps changed by about {warmth_mm:+.{max(3, decimals_of(smallest_mm))}f} {unit}, taken for warmth: "
+            "a load that moves all sensors about alike would pass, too, so look at the beam"
         )
     if all(channel.smallest_force_mm is None for channel in surface.channels):
         return f"{text}; a load that moves less is not noticed, as the channels state no smallest_force_mm"

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_common.units import direction_of
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
@@ -40,6 +41,8 @@ class Characteristic:
     saturated_low: FloatArray
     saturated_high: FloatArray
     """Counts at these ends and beyond are saturated."""
+    towards: FloatArray
+    """Change of the gap, or of the value in its place, with the deflection: -1 for a gap."""
 
     @classmethod
     def of(cls, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> Self:
@@ -58,6 +61,7 @@ class Characteristic:
             high=np.array([channel.range_mm[1] for channel in channels]),
             saturated_low=np.array([low for low, _ in saturated]),
             saturated_high=np.array([high for _, high in saturated]),
+            towards=np.array([direction_of(channel.value_unit) for channel in channels]),
         )
 
     @property
@@ -89,12 +93,14 @@ class Characteristic:
     def mm_per_count(self, counts: FloatArray) -> FloatArray:
         """Return the change of each deflection with a count, at these counts (channels,); NaN stays NaN."""
         piece = (counts[:, np.newaxis] >= self.counts[:, 1:]).sum(axis=-1)
-        slopes: FloatArray = np.where(np.isnan(counts), np.nan, -self.slopes[np.arange(len(counts)), piece])
+        along = self.towards * self.slopes[np.arange(len(counts)), piece]
+        slopes: FloatArray = np.where(np.isnan(counts), np.nan, along)
         return slopes
 
     def deflection(self, gap: FloatArray) -> FloatArray:
         """Return deflections [mm], positive in the direction of the load, of gaps, shape (readings, channels)."""
-        return self.rest_gap - gap
+        deflection: FloatArray = self.towards * (gap - self.rest_gap)
+        return deflection
 
     def quality(self, counts: FloatArray, gap_mm: FloatArray | None = None) -> NDArray[np.int8]:
         """Return a quality code per count, shape (readings, channels); `gap_mm` are their gaps if these are known.

@@ -9,6 +9,7 @@ from contextlib import aclosing
 
 from beamtouch_common.digits import digits
 from beamtouch_common.log_lines import Repeated
+from beamtouch_common.units import fine
 from beamtouch_common.uptime import uptime_s
 from beamtouch_common.waits import Backoff
 from beamtouch_daemon.config.settings import Surface
@@ -187,10 +188,11 @@ class Acquisition:
             _logger.info("%s: its zeros are near the last tare again", self.name)
         else:
             words = (
-                "%s: its zeros have drifted by up to %.3g um since the last tare; no more than %.3g um are followed: "
+                "%s: its zeros have drifted by up to %s since the last tare; no more than %s are followed: "
                 "wait until it no longer warms or cools, take everything off the beam, and tare"
             )
-            _logger.warning(words, self.name, 1e3 * far_mm, 1e3 * tracking.max_mm)
+            far, most = (fine(size_mm, self.surface.value_unit) for size_mm in (far_mm, tracking.max_mm))
+            _logger.warning(words, self.name, far, most)
 
     def _warn_of_hurry(self) -> None:
         """Log once that a zero drifts faster than is stated, and that none does any more."""
@@ -207,11 +209,11 @@ class Acquisition:
             who = f"the zero of {self.surface.channel_names[hurried.channel]} drifts"
             look = "look at this sensor and its bracket, or "
         _logger.warning(
-            "%s: %s at %s um/min, %s times what is stated, and answers will soon be wrong: %sstate the drift of the "
+            "%s: %s at %s/min, %s times what is stated, and answers will soon be wrong: %sstate the drift of the "
             "hall in zero_tracking.drift_um_per_min; a load laid on very slowly looks the same",
             self.name,
             who,
-            f"{'+' if um_per_min > 0 else ''}{digits(um_per_min, 2)}",
+            f"{'+' if um_per_min > 0 else ''}{fine(hurried.mm_per_min, self.surface.value_unit, 2)}",
             digits(abs(um_per_min) / tracking.drift_um_per_min, 2),
             look,
         )

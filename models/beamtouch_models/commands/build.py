@@ -73,13 +73,9 @@ def run(options: argparse.Namespace) -> Result:
         write_products(built, model=options.output, config=config, report=options.report, progress=progress)
     if config is not None:
         files = source, options.output, write_token_if_absent(config.parent), config
-        read, model, token, told = (shlex.quote(str(path)) for path in files)
-        lines = [
-            *([] if options.loads else [f"beamtouch-rig {read} --model {model} --modbus-tcp 127.0.0.1:5020"]),
-            f"beamtouch-service run --model {model} --write-token-file {token}",
-            f"beamtouch-daemon run {told}",
-        ]
-        print("try it:  " + "\n         ".join(lines), file=sys.stderr)
+        print(
+            _how_to_try(*(shlex.quote(str(path)) for path in files), is_recorded=bool(options.loads)), file=sys.stderr
+        )
     surface, metadata = layout.surface, built.metadata
     note(
         describe_table_cost(layout, options.seed),
@@ -88,9 +84,24 @@ def run(options: argparse.Namespace) -> Result:
         unseen(metadata),
     )
     moved = asked.mounted.moves_to(layout.placement.positions_mm) if asked.mounted else ""
-    note(moved, weak_spot(metadata, asked.scene), short_tare(walk_of(metadata, surface.readings)), kind="warning")
+    short = short_tare(walk_of(metadata, surface.readings), metadata.unit)
+    note(moved, weak_spot(metadata, asked.scene), short, kind="warning")
     note(*_not_modelled(surface))
     return describe(loading.load_bytes(built.content, str(options.output)))
+
+
+def _how_to_try(source: str, model: str, token: str, config: str, *, is_recorded: bool) -> str:
+    """Return the commands that run a model; loads were recorded with a configuration that knows the real channels."""
+    rig = f"beamtouch-rig {source} --model {model} --modbus-tcp 127.0.0.1:5020"
+    service = f"beamtouch-service run --model {model} --write-token-file {token}"
+    lines = [rig, service, f"beamtouch-daemon run {config}"]
+    if is_recorded:
+        lines = [
+            service,
+            f"copy beam, noise_mm, zero_drift_mm, filter, zero_tracking and loads of {config} into the",
+            f"configuration that recorded {source}, then beamtouch-daemon run with it",
+        ]
+    return "try it:  " + "\n         ".join(lines)
 
 
 def _assumed_errors(surface: Surface) -> str:

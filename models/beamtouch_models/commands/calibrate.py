@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import require_writable, write_atomically
+from beamtouch_common.units import MM
 from beamtouch_models.arrays import Floats
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.design.building.replaced import require_model
@@ -113,7 +114,7 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
             for kind, text in words.items()
         ),
         *(
-            [("drift", f"{_each(calibrated.metadata, drift, drift_errors)} um a minute")]
+            [("drift", f"{_each_fine(calibrated.metadata, drift, drift_errors)} a minute")]
             if DRIFTING in fit.kinds
             else []
         ),
@@ -208,13 +209,24 @@ def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[
     }
     if "position" in errors:
         shown["position"] = f"{each(found.position_offset_mm, errors['position'])} mm"
-    shown["curve"] = f"{found.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per mm"
-    shown["offset"] = f"{each(found.offset_mm, errors['offset'], 1e3)} um"
+    shown["curve"] = f"{found.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per {metadata.unit}"
+    shown["offset"] = _each_fine(metadata, 1e3 * np.array(found.offset_mm), 1e3 * errors["offset"])
     if "fixity" in errors:
         ends = zip(found.fixity, errors["fixity"], strict=True)
         left, right = (f"{value:.3f} +- {error:.3f}" for value, error in ends)
         shown["fixity"] = f"left {left}, right {right}"
     return shown
+
+
+def _each_fine(metadata: Metadata, values_um: Floats, errors_um: Floats) -> str:
+    """Return the zero of each channel, given in um, with its error and unit, as text."""
+    if metadata.unit == MM:
+        return f"{_each(metadata, values_um, errors_um)} um"
+    texts = (
+        f"{channel.name} {digits(1e-3 * value, 3)} +- {digits(1e-3 * error, 2)}"
+        for channel, value, error in zip(metadata.layout, values_um, errors_um, strict=True)
+    )
+    return f"{', '.join(texts)} {metadata.unit}"
 
 
 def _each(metadata: Metadata, values: Floats, errors: Floats) -> str:

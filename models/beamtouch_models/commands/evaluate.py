@@ -8,6 +8,7 @@ from functools import partial
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
+from beamtouch_common.units import fine
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.commands.workers import spread_over
 from beamtouch_models.design.accuracy.evaluation import Evaluation
@@ -25,17 +26,18 @@ from beamtouch_models.runtime.loading import ModelFile
 def run(options: argparse.Namespace) -> Result:
     """Evaluate at each given noise, or at the noise of the model."""
     model = load_model(options.model)
+    unit = model.metadata.unit
     for noise_mm in options.noise:
         if not 0 <= noise_mm < math.inf:
-            raise InputError(f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more")
-        check_scale(noise_mm, model.metadata.max_deflection_mm)
+            raise InputError(f"--noise {noise_mm:g}: give a standard deviation in {unit}, 0 or more")
+        check_scale(noise_mm, model.metadata.max_deflection_mm, unit)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         evaluations = [
             model.evaluate(
                 noise_mm=noise_mm,
                 draws=options.draws,
                 seed=options.seed,
-                progress=partial(progress, f"measuring at a noise of {digits(1e3 * noise_mm, 3)} um"),
+                progress=partial(progress, f"measuring at a noise of {fine(noise_mm, unit)}"),
                 spread=spread,
             )
             for noise_mm in options.noise or [model.metadata.noise.sample_mm]
@@ -66,7 +68,7 @@ def _table(model: ModelFile, found: Evaluation) -> Table:
         rows.append((label, *(_text(value, scale) for value in values for scale in (1.0, percent))))
     ratios = [_text(None if errors is None else errors.ratio) for errors in (found.span, found.middle)]
     rows.append(("error over limit", ratios[0], "", ratios[1], ""))
-    noise = f"noise {digits(1e3 * found.noise_mm, 3)} um"
+    noise = f"noise {fine(found.noise_mm, model.metadata.unit)}"
     title = f"{model.identity}, estimator {model.metadata.estimator}: {noise}, {found.draws} simulated contacts"
     return Table(("position error", "whole range, mm", "% of length", "middle 60 %, mm", "% of length"), rows, title)
 

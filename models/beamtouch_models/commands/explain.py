@@ -14,6 +14,7 @@ from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml
 from beamtouch_common.outline import BEAM_AXIS, Outline
+from beamtouch_common.units import fine, fine_unit
 from beamtouch_common.zones import MAX_ZONES, Zone, ZoneName, first_conflict
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.effort import Effort
@@ -43,12 +44,14 @@ def run(options: argparse.Namespace) -> Result:
         "max_deflection_mm": surface.travel.largest_mm,
         "negligible": NEGLIGIBLE,
     }
-    head = ("effect", "um", "price", "model", "remark")
+    unit, _ = fine_unit(scene.unit)
+    head = ("effect", unit, "price", "model", "remark")
+    prices = [_row(effect, noise.sample_mm, scene.unit) for effect in surface.effects]
     rows: list[Block] = [
-        Table(head, [_row(effect, noise.sample_mm) for effect in surface.effects], text=("model", "remark")),
+        Table(head, prices, text=("model", "remark")),
         [
-            ("um", "the most that the effect changes the deflection at a sensor, under the largest force"),
-            ("price", f"the same over a sample's noise, {digits(1e3 * noise.sample_mm, 3)} um"),
+            (unit, "the most that the effect changes the deflection at a sensor, under the largest force"),
+            ("price", f"the same over a sample's noise, {fine(noise.sample_mm, scene.unit)}"),
             *VERDICTS.values(),
             *(("" if place else "ringing", line) for place, line in enumerate(rings)),
         ],
@@ -75,9 +78,10 @@ def _as_json(effect: Effect) -> dict[str, Any]:
     }
 
 
-def _row(effect: Effect, noise_mm: float) -> tuple[str, ...]:
-    um, price = ("-" if effect.price is None else digits(scale * effect.price, 2) for scale in (1e3 * noise_mm, 1.0))
-    return effect.name, um, price, VERDICTS[effect.verdict][0], effect.reason
+def _row(effect: Effect, noise_mm: float, unit: str) -> tuple[str, ...]:
+    scales = noise_mm * fine_unit(unit)[1], 1.0
+    size, price = ("-" if effect.price is None else digits(scale * effect.price, 2) for scale in scales)
+    return effect.name, size, price, VERDICTS[effect.verdict][0], effect.reason
 
 
 SEED = 0

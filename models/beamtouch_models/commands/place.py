@@ -5,6 +5,7 @@ import math
 from typing import Any
 
 from beamtouch_common.digits import digits
+from beamtouch_common.units import fine
 from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.design.accuracy.limit import accuracy_limit, limits_with_one_failed
 from beamtouch_models.design.building.compared import EQUAL, PAPERS, TAKEN, Compared, compare_layout
@@ -112,7 +113,7 @@ def _rows(found: dict[str, Any], compared: Compared, layout: Layout) -> list[tup
         (
             "limit",
             f"mean error {limit} ({share} % of the {whole}), the best possible with these sensors, at "
-            f"{digits(1e3 * noise_mm, 3)} um noise per sample",
+            f"{fine(noise_mm, surface.scene.unit)} noise per sample",
         ),
         *([("failed", f"mean error without the sensor {without}")] if without else []),
         *zip(layout.channels, compared.reasons, strict=True),

@@ -150,7 +150,7 @@ class Layout:
                 raise SceneError(
                     f"noise_mm = {stated_mm:g}: must be more than 0; without noise there is no accuracy limit"
                 )
-            check_scale(stated_mm, self.surface.travel.largest_mm)
+            check_scale(stated_mm, self.surface.travel.largest_mm, self.surface.scene.unit)
             prior = prior.at_noise(stated_mm)
         percent = limit.accuracy_limit(prior, whole(draws, "draws", 1), whole(seed, "seed", 0))
         return percent.scaled(prior.diagonal_mm / 100)

@@ -155,7 +155,7 @@ class Model(ModelFile):
         samples, names = np.atleast_2d(array_of(deflection_mm, "deflection_mm")), self.channels
         if samples.ndim != 2 or samples.shape[1] != len(names) or np.any(np.isinf(samples)):
             given = "given: one that is infinite" if np.any(np.isinf(samples)) else f"given: {samples.shape}"
-            wanted = f"numbers in mm, {len(names)} for each sample: {', '.join(names)}"
+            wanted = f"numbers in {self.metadata.unit}, {len(names)} for each sample: {', '.join(names)}"
             raise SceneError(f"deflection_mm: give {wanted} ({given})")
         valid = ~np.isnan(samples)
         channels = valid.sum(axis=1)
@@ -164,11 +164,11 @@ class Model(ModelFile):
             largest = digits(self.metadata.max_deflection_mm, 3)
             raise SceneError(
                 f"deflection_mm: {digits(most_mm, 3)} is more than {MAX_RATIO:g} times the largest deflection of the "
-                f"scene, {largest} mm; give it in mm"
+                f"scene, {largest} {self.metadata.unit}; give it in {self.metadata.unit}"
             )
         noise = array_of(self.metadata.noise.sample_mm if noise_mm is None else noise_mm, "noise_mm")
         if not (np.isfinite(noise) & (noise > 0)).all():
-            raise SceneError("noise_mm: give positive standard deviations in mm")
+            raise SceneError("noise_mm: give positive standard deviations in " + self.metadata.unit)
         answers: dict[str, NDArray[Any]] = self.answer(samples, noise)
         if LOG_ODDS not in answers:
             return Estimates(answers, channels=channels)
@@ -261,7 +261,7 @@ class Model(ModelFile):
             prior = _with_own(prior, influence, sensor_mm, np.array(metadata.departures.gain))
         if noise_mm is not None:
             stated_mm = numbers(noise_mm, "noise_mm", least=0.0)[0]
-            check_scale(stated_mm, metadata.max_deflection_mm)
+            check_scale(stated_mm, metadata.max_deflection_mm, metadata.unit)
             prior = prior.at_noise(float(stated_mm))
         return evaluation.evaluate(self, prior, draws=draws, seed=seed, missing=out, progress=progress, spread=spread)
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.distance import pdist
 
 from beamtouch_common.digits import digits
+from beamtouch_common.units import MM, direction_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.thresholds import rate_per_sample, readings_alike
@@ -178,7 +179,7 @@ class Surface:
         places = ", ".join(f"{low:g}..{high:g}" for low, high in self.influence.extent.ranges_mm)
         long = " long" if self.influence.extent.axes == 1 else ""
         contacts = f"contacts at {places} mm with {forces} N"
-        return f"Surface({size} mm{long}, {contacts}, {noise_mm} mm of noise a sample)"
+        return f"Surface({size} mm{long}, {contacts}, {noise_mm} {self.scene.unit} of noise a sample)"
 
     def place(
         self,
@@ -382,17 +383,22 @@ def _resolve_text(text: str, origin: str, chosen: FilterChoice) -> Surface:
 def _sensor_of(scene: Scene, travel: Travel) -> Sensor:
     """Return sensor, ADC and stand-off of a scene; SceneError if the structure leaves the sensor's range."""
     what = "beam" if scene.has_beam else "structure" if scene.plate is None else "plate"
-    low, high = scene.sensors.range_mm
+    (low, high), unit = scene.sensors.range_mm, scene.unit
     lift, fall = travel.lift_mm, travel.fall_mm
-    centred_mm, stated_mm = (low + high) / 2 + (fall - lift) / 2, scene.sensors.standoff_mm
+    towards = direction_of(unit)
+    centred_mm, stated_mm = (low + high) / 2 - towards * (fall - lift) / 2, scene.sensors.standoff_mm
     if fall + lift > high - low:
         excess = (fall + lift) / (high - low)
+        or_else = "" if scene.measured is None else f"convert its table if that is not in {unit}, "
         raise SceneError(
-            f"at {travel.force_n:g} N the {what} travels {digits(fall + lift, 4)} mm and leaves sensors.range_mm = "
+            f"at {travel.force_n:g} N the {what} travels {digits(fall + lift, 4)} {unit} and leaves sensors.range_mm = "
             f"[{low:g}, {high:g}]; end contact.force_n at {at_most(travel.force_n / excess):g} N, make the {what} "
-            f"{at_least(excess):g} times as stiff, or use a sensor with a longer range"
+            f"{at_least(excess):g} times as stiff, {or_else}or use a sensor with a longer range"
         )
-    if stated_mm is not None and (stated_mm - fall < low or stated_mm + lift > high):
+    if unit != MM and low <= -lift <= fall <= high:
+        centred_mm = 0.0  # a bridge is balanced at rest
+    ends_mm = [] if stated_mm is None else [stated_mm + towards * fall, stated_mm - towards * lift]
+    if stated_mm is not None and not low <= min(ends_mm) <= max(ends_mm) <= high:
         raise SceneError(
             f"from sensors.standoff_mm = {stated_mm:g} the {what} leaves sensors.range_mm = [{low:g}, {high:g}]; "
             f"write standoff_mm = {digits(centred_mm, 4)}, or leave it out"

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beamtouch_common.units import MM, direction_of
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.table import PlaceTable
 from beamtouch_models.design.physics.measured_structure import MeasuredStructure
@@ -68,6 +69,8 @@ class World:
     noise_mm: float
     """Standard deviation of a reading, without the steps of the ADC."""
     departures: Departures
+    towards: float = direction_of(MM)
+    """Change of a sensor's value with its deflection: -1 for a gap."""
 
     @classmethod
     def of(
@@ -98,7 +101,9 @@ class World:
         structure = changed(structure_of(scene), off.rigidity, off.fixity)
         sensor_mm = off.sensors_mm(layout_mm, scene.length_mm)
         places = extent or Extent(scene.contact.ranges_mm)
-        return cls(structure, scene.contact.width_mm, places, sensor, sensor_mm, noise_mm, off)
+        return cls(
+            structure, scene.contact.width_mm, places, sensor, sensor_mm, noise_mm, off, direction_of(scene.unit)
+        )
 
     def draw(self, rng: np.random.Generator) -> "World":
         """Draw a world that agrees with what was measured of the structure; that of a beam is this one."""
@@ -211,7 +216,7 @@ class World:
         """Return the noisy outputs of the sensors, 0 to 1 of the ADC's scale; both (draws, readings, channels)."""
         white = rng.normal(size=deflection_mm.shape)
         noisy = self.measured(deflection_mm, errors) + self.noise_mm * errors.noise[:, None] * white
-        return output_of_gap(self.sensor, self.sensor.standoff_mm - noisy)
+        return output_of_gap(self.sensor, self.sensor.standoff_mm + self.towards * noisy)
 
     def readings(self, deflection_mm: Floats, errors: SensorErrors, rng: np.random.Generator) -> Floats:
         """Return readings of true deflections, (draws, readings, channels), as the daemon takes them.
@@ -223,7 +228,7 @@ class World:
         counts = np.rint(self.outputs(deflection_mm, errors, rng) * full_scale)
         gap = sensor.offset_mm + sensor.gain_mm_per_count * counts
         good = (gap >= low) & (gap <= high) & ~errors.missing[:, None]
-        return np.where(good, sensor.standoff_mm - gap, np.nan)
+        return np.where(good, self.towards * (gap - sensor.standoff_mm), np.nan)
 
 
 class Motion:

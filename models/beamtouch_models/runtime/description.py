@@ -6,6 +6,7 @@ from itertools import groupby
 from beamtouch_common.digits import digits
 from beamtouch_common.outline import names_of
 from beamtouch_common.table import in_columns
+from beamtouch_common.units import MM, fine
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import rounded, with_error
 from beamtouch_models.places import in_words
@@ -30,7 +31,9 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     weak, strong = metadata.ranges.force_n
     known = "not known in advance" if ForceRange(weak, strong).is_open else "known to be within this range"
     force = f"{weak:g} N, an exact force" if weak == strong else f"{weak:g} to {strong:g} N, {known}"
-    gaps = f"linear over gaps of {sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm"
+    unit = metadata.unit
+    values = "gaps" if unit == MM else "values"
+    gaps = f"linear over {values} of {sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} {unit}"
     least, most = str(chosen.window), "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
     mm, is_beam = metadata.diagonal_mm / 100, len(metadata.axes) == 1
     origin, whole = ("left end", "length") if is_beam else ("corner", "diagonal")
@@ -39,7 +42,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     share = rounded(accuracy.error_percent, accuracy.error_standard_error)
     ratio = with_error(accuracy.ratio, accuracy.ratio_standard_error)
     lacks, floor = ", ".join(lacking(metadata, outputs)), metadata.floor
-    bends = f"bends by up to {digits(metadata.max_deflection_mm, 3)} mm"
+    bends = f"{'bends' if unit == MM else 'shows'} by up to {digits(metadata.max_deflection_mm, 3)} {unit}"
     rows = [
         ("model", f"{identity}, estimator {metadata.estimator}, seed {metadata.seed}"),
         _structure(metadata, bends),
@@ -57,17 +60,17 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ("rest", f"false contacts while nothing touches: {per_day(metadata.thresholds.false_contacts_per_day)}"),
         (
             "sensor",
-            f"{gaps}, {digits(sensor.standoff_mm, 3)} mm at rest; {sensor.adc_bits} bits, {sensor.rate_hz:g} readings "
-            "a second",
+            f"{gaps}, {digits(sensor.standoff_mm, 3)} {unit} at rest; {sensor.adc_bits} bits, {sensor.rate_hz:g} "
+            "readings a second",
         ),
         (
             "noise",
-            f"{digits(1e3 * noise.reading_mm, 3)} um per reading, {digits(1e3 * noise.sample_mm, 3)} um per sample",
+            f"{fine(noise.reading_mm, unit)} per reading, {fine(noise.sample_mm, unit)} per sample",
         ),
         ("filter", "none" if chosen.kind == "none" else f"{chosen.kind} of {least}{most} readings"),
         (
             "floor",
-            f"gains {_several(floor.gain, 100, '%')}, zeros {_several(floor.zero_mm, 1000, 'um')}, "
+            f"gains {_several(floor.gain, 100, '%')}, zeros {_zeros(floor.zero_mm, unit)}, "
             "which no filter averages away",
         ),
         ("outputs", ", ".join(outputs)),
@@ -114,6 +117,10 @@ def _several(values: list[float], factor: float, unit: str) -> str:
     """Return the values as one number, or as their range."""
     low, high = min(values) * factor, max(values) * factor
     return f"+- {digits(low, 2)} {unit}" if low == high else f"+- {digits(low, 2)}..{digits(high, 2)} {unit}"
+
+
+def _zeros(zero_mm: list[float], unit: str) -> str:
+    return _several(zero_mm, 1000, "um") if unit == MM else _several(zero_mm, 1, unit)
 
 
 def per_day(rate: float) -> str:

@@ -20,6 +20,7 @@ from beamtouch_common.complaints import reason_of
 from beamtouch_common.digits import rounded
 from beamtouch_common.names import Name
 from beamtouch_common.outline import BEAM_AXIS, Outline, names_of
+from beamtouch_common.units import MM, Unit
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.names import Criterion
@@ -63,6 +64,10 @@ class MetadataPart(BaseModel):
     __str__ = __repr__
 
 
+def _is_mm(unit: str) -> bool:
+    return unit == MM
+
+
 class Channel(MetadataPart):
     """One sensor of the layout."""
 
@@ -71,6 +76,8 @@ class Channel(MetadataPart):
     """From the left end of the beam; on a plate, along its first axis."""
     across_mm: FiniteFloat | None = Field(default=None, exclude_if=_is_none)
     """Along the second axis; only on a plate."""
+    unit: Annotated[Unit, Field(exclude_if=_is_mm)] = MM
+    """Unit of its deflection. All figures of deflections, in `_mm` by their names, are in it."""
 
 
 class Ranges(MetadataPart):
@@ -88,9 +95,9 @@ class Sensor(MetadataPart):
     """The sensor and ADC of every channel."""
 
     rate_hz: PositiveFloat
-    range_mm: PositivePair
-    standoff_mm: PositiveFloat
-    """Gap at rest."""
+    range_mm: Pair
+    standoff_mm: FiniteFloat
+    """Gap at rest, or the value of a sensor that shows no gap."""
     adc_bits: int = Field(ge=6, le=16)
     gain_mm_per_count: FiniteFloat
     offset_mm: FiniteFloat
@@ -389,6 +396,8 @@ class Metadata(MetadataPart):
         names = [channel.name for channel in self.layout]
         if len(set(names)) != len(names):
             raise ValueError("layout: two channels have the same name")
+        if len(units := {channel.unit for channel in self.layout}) > 1:
+            raise ValueError(f"layout: channels with different units, {' and '.join(sorted(units))}")
         if self.min_channels > len(names):
             raise ValueError(f"min_channels: {self.min_channels} of {len(names)} channels")
         if len(set(self.axes)) != len(self.axes) or len(self.axes) != (1 if self.width_mm is None else 2):
@@ -442,6 +451,11 @@ class Metadata(MetadataPart):
         """The places that contacts may have."""
         across_mm = self.ranges.across_mm
         return Extent((self.ranges.position_mm,) if across_mm is None else (self.ranges.position_mm, across_mm))
+
+    @property
+    def unit(self) -> str:
+        """Unit of all deflections."""
+        return self.layout[0].unit
 
     @property
     def outline(self) -> Outline:

@@ -7,6 +7,7 @@ from traceback import extract_tb
 
 from beamtouch_common.log_lines import Repeated
 from beamtouch_common.spans import apart, are_apart
+from beamtouch_common.units import MM, fine
 from beamtouch_service.metrics.counts import REFUSALS
 from beamtouch_service.metrics.figures import clock_ahead_s
 from beamtouch_service.problems import Kind
@@ -80,8 +81,10 @@ class ChangeLog:
         if overdue.suspect:
             look = f"check sensor {overdue.suspect}: without it, everything is explained"
         if overdue.shift_mm is not None:
+            unit = surface.model.metadata.unit if surface.model else MM
+            sign = "+" if overdue.shift_mm > 0 else ""
             look = (
-                f"all zeros have moved together by {1e3 * overdue.shift_mm:+.3g} um, as in warmth: wait until the "
+                f"all zeros have moved together by {sign}{fine(overdue.shift_mm, unit)}, as in warmth: wait until the "
                 "surface no longer warms or cools, take everything off it, then tare"
             )
         if surface.wiring:

@@ -32,6 +32,8 @@ class SurfaceSummary(BaseModel):
     """Identity of the beam and layout that the model is of; null without one."""
     channels: list[str]
     """Channels that a batch must contain, in the order of the model; empty without one."""
+    unit: str | None
+    """Unit of what the channels show, in which a batch states deflections; null without a model."""
     stale_ms: float
     """No contact is served from a sample older than this."""
     age_ms: float | None
@@ -144,6 +146,7 @@ def summarize(surface: Surface, now_s: float) -> SurfaceSummary:
         model=model.identity if model else None,
         beam=model.metadata.beam if model else None,
         channels=model.channels if model else [],
+        unit=model.metadata.unit if model else None,
         stale_ms=surface.stale_ms,
         age_ms=view.age_ms,
         state=view.state,

@@ -4,7 +4,9 @@ from enum import StrEnum
 
 from pydantic import BaseModel, ConfigDict
 
+from beamtouch_common.digits import digits
 from beamtouch_common.table import aligned
+from beamtouch_common.units import MM
 from beamtouch_models.runtime import State
 from beamtouch_service.samples import Quality
 
@@ -94,6 +96,8 @@ class Report(_Part):
     """Null until every step is done."""
     verdict: list[str] = []
     """In sentences, with what to do; what is known so far until every step is done."""
+    unit: str = MM
+    """Unit of the movements of channels."""
     sensors: list[SensorResult]
     places: list[PlaceResult]
 
@@ -117,7 +121,11 @@ def as_text(report: Report) -> str:
     }
     names = [sensor.name for sensor in report.sensors]
     moved = [
-        [sensor.name, _place(sensor.at_mm), *(_moved(sensor, name) for name in names), _share(sensor), sensor.says]
+        [
+            *(sensor.name, _place(sensor.at_mm)),
+            *(_moved(sensor, name, report.unit) for name in names),
+            *(_share(sensor), sensor.says),
+        ]
         for sensor in report.sensors
     ]
     places = [
@@ -132,7 +140,7 @@ def as_text(report: Report) -> str:
             "",
             *report.verdict,
             "",
-            "Presses above the sensors: movement of each channel in mm, from rest",
+            f"Presses above the sensors: movement of each channel in {report.unit}, from rest",
             *aligned(["above", "at mm", *names, "share", "finding"], moved, range(1, len(names) + 3)),
             "",
             "Presses at marked places",
@@ -142,12 +150,13 @@ def as_text(report: Report) -> str:
     )
 
 
-def _figure(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+def _figure(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{value:.{decimals}f}"
 
 
-def _moved(sensor: SensorResult, channel: str) -> str:
-    return _figure((sensor.moved_mm or {}).get(channel), 4)
+def _moved(sensor: SensorResult, channel: str, unit: str) -> str:
+    value = (sensor.moved_mm or {}).get(channel)
+    return _figure(value, 4) if unit == MM or value is None else digits(value, 4)
 
 
 def _share(sensor: SensorResult) -> str:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS
+from beamtouch_common.units import MM
 from beamtouch_models.runtime import Channel, InfluenceCurve, Metadata, ModelFile, State
 from beamtouch_service.commissioning.pressing import HOLD_US, Floats, Movement, PressFinder, Stage
 from beamtouch_service.commissioning.report import Finding, PlaceMm, PlaceResult, Report, SensorResult
@@ -53,6 +54,7 @@ class CommissioningRun:
             model=model.identity,
             beam=metadata.beam,
             begun_at=rfc3339(now_us),
+            unit=metadata.unit,
             sensors=[SensorResult(name=one.name, at_mm=_within(metadata, one)) for one in metadata.layout],
             places=[PlaceResult(at_mm=at_mm) for at_mm in marks(metadata)],
         )
@@ -153,7 +155,7 @@ class CommissioningRun:
         explanation = yield from explain(list(presses.values()), self._influence)
         if self.step != step:  # it was skipped meanwhile
             return
-        moved_mm = [None if isnan(one) else round(one, _MM_DIGITS) for one in moved.moved_mm.tolist()]
+        moved_mm = [None if isnan(one) else self._rounded(one) for one in moved.moved_mm.tolist()]
         self._update(
             self.step,
             moved_mm=dict(zip(self.model.channels, moved_mm, strict=True)),
@@ -172,6 +174,10 @@ class CommissioningRun:
                 force_n=round(force_n, _FORCE_DIGITS),
             )
         self._advance()
+
+    def _rounded(self, moved: float) -> float:
+        """Return a movement: to 10 nm if it is in mm, to digits that no sensor has in another unit."""
+        return round(moved, _MM_DIGITS) if self.report.unit == MM else float(f"{moved:.{_MM_DIGITS}g}")
 
     def _influence(self, places_mm: Floats) -> Floats:
         extent = self.model.metadata.extent

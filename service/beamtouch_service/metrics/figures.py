@@ -8,6 +8,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
+from beamtouch_common.units import MM
 from beamtouch_common.zones import ZoneState
 from beamtouch_models.runtime import State
 from beamtouch_service.record import Recorder
@@ -194,6 +195,8 @@ def _of_health(views: Views) -> Iterator[Metric]:
     gain = GaugeMetricFamily("beamtouch_gain_change_percent", words, labels=[*labels, "bound"])
     words = "Change of the deflection at rest since the baseline, in mm."
     zero = GaugeMetricFamily("beamtouch_zero_change_mm", words, labels=[*labels, "bound"])
+    words = "Change of the deflection at rest since the baseline, of channels that do not show mm."
+    other = GaugeMetricFamily("beamtouch_zero_change", words, labels=[*labels, "bound", "unit"])
     changed = GaugeMetricFamily("beamtouch_channel_changed", "1 if a channel has changed for certain.", labels=labels)
     for surface, _ in views:
         for name, one in (surface.channel_health or {}).items():
@@ -201,8 +204,9 @@ def _of_health(views: Views) -> Iterator[Metric]:
             changed.add_metric(label, one.changed)
             gains = (one.gain_percent, one.gain_low_percent, one.gain_high_percent)
             zeros = (one.zero_mm, one.zero_low_mm, one.zero_high_mm)
-            for family, values in ((gain, gains), (zero, zeros)):
+            of_zero = (zero, zeros, []) if one.unit == MM else (other, zeros, [one.unit])
+            for family, values, unit in ((gain, gains, []), of_zero):
                 for bound, value in zip(("estimate", "low", "high"), values, strict=True):
                     if value is not None:
-                        family.add_metric([*label, bound], value)
-    yield from (gain, zero, changed)
+                        family.add_metric([*label, bound, *unit], value)
+    yield from (gain, zero, other, changed)

@@ -6,6 +6,7 @@ import { svg } from "./dom.js";
 
 const MARGIN = 36;
 const LEAST_DEFLECTION_MM = 0.1;
+const LEAST_OF_OTHER = 1e-9; // less than any sensor shows, whatever its unit
 const DEEPEST = 0.21; // of the height
 const MEMORY_MS = 60_000;
 const PIECES = 80;
@@ -56,12 +57,14 @@ export class BeamView {
     const now = performance.now();
     const measured = seen.map((channel) => Math.abs(channel.deflection_mm));
     const along = bent ? places(0, shown.length).map((at) => Math.abs(bent(at))) : [];
-    const mm = Math.max(LEAST_DEFLECTION_MM, ...measured, ...along);
+    const inMm = isLength(shown);
+    const mm = Math.max(inMm ? LEAST_DEFLECTION_MM : LEAST_OF_OTHER, ...measured, ...along);
     if (mm >= this.deepest.mm || now - this.deepest.at > MEMORY_MS) this.deepest = { mm, at: now };
     const perMm = (width - 2 * MARGIN) / shown.length;
     const most = (height * DEEPEST) / (this.deepest.mm * perMm);
     const power = 10 ** Math.floor(Math.log10(most));
-    const factor = Math.max(1, [8, 6, 5, 4, 3, 2, 1].find((step) => step * power <= most) * power);
+    const round = [8, 6, 5, 4, 3, 2, 1].find((step) => step * power <= most) * power;
+    const factor = inMm ? Math.max(1, round) : round;
     return {
       width,
       height,
@@ -86,12 +89,16 @@ function bentOf(shown, drawn, seen) {
 
 function captionOf(shown, drawn, seen, scale) {
   if (!seen.length) return "Position and deflection are not known.";
-  const circles = `Circles: measured deflection, ${scale.factor} times larger.`;
+  const times = isLength(shown) ? `${scale.factor} times larger` : `in ${seen[0].unit}, to a scale of their own`;
+  const circles = `Circles: measured deflection, ${times}.`;
   if (shown.kind === "clear") return circles;
   if (shown.kind !== "contact") return `${circles} The shape between them is not known.`;
   const by = drawn ? "Line: the beam by the model." : "Line: a smooth curve through them.";
   return `${circles} ${by} Hatched: 95 % interval.`;
 }
+
+/** A deflection in mm has the scale of the beam; one in another unit, as uV/V, has none that is right. */
+const isLength = (shown) => shown.channels.every((channel) => channel.unit === "mm");
 
 const places = (from, to, count = PIECES) =>
   Array.from({ length: count + 1 }, (_, index) => from + ((to - from) * index) / count);

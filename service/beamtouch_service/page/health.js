@@ -47,8 +47,11 @@ function sentences(health) {
 
 const CHANGES = {
   gain: ({ gain_percent: percent }) => `has ${percent < 0 ? "lost" : "gained"} ${round(Math.abs(percent))} %`,
-  zero: ({ zero_mm: mm }) => `reads ${(Math.abs(mm) * 1000).toFixed(0)} µm too ${mm < 0 ? "little" : "much"} at rest`,
+  zero: ({ zero_mm: zero, unit }) => `reads ${small(Math.abs(zero), unit)} too ${zero < 0 ? "little" : "much"} at rest`,
 };
+
+const small = (value, unit) =>
+  unit === "mm" ? `${(value * 1000).toFixed(0)} µm` : `${Number(value.toPrecision(2))} ${unit}`;
 
 const round = (percent) => percent.toFixed(percent < 3 ? 1 : 0);
 

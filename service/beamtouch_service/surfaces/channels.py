@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from pydantic import BaseModel
 
+from beamtouch_common.units import MM
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import rfc3339
 
@@ -46,6 +47,8 @@ class ChannelHealth(BaseModel):
     contact began after a rest that was seen."""
     zero_low_mm: float | None
     zero_high_mm: float | None
+    unit: str = MM
+    """Unit of the deflection, and of these three."""
     since: str
     """Time of the change, or else of the first contact of the baseline (RFC 3339)."""
     contacts: int

@@ -23,6 +23,8 @@ class ModelDescription(BaseModel):
     """Positions of the channels, from the left end of the beam; on a plate along `x`."""
     across_mm: list[float] | None
     """Their places along `y` on a plate; null on a beam."""
+    unit: str
+    """Unit of what the channels show: figures of deflections and of noise, in `_mm` by their names, are in it."""
     min_channels: int
     outputs: list[str]
     ranges: Ranges
@@ -44,6 +46,7 @@ def describe_model(model: ModelFile) -> ModelDescription:
         channels=model.channels,
         positions_mm=[channel.position_mm for channel in metadata.layout],
         across_mm=[one.across_mm for one in metadata.layout if one.across_mm is not None] or None,
+        unit=metadata.unit,
         min_channels=metadata.min_channels,
         outputs=list(model.outputs),
         ranges=metadata.ranges,

@@ -62,6 +62,8 @@ class ChannelView(NamedTuple):
     deflection_mm: float | None
     """Positive in the direction of the load; None without a current value."""
     quality: Quality
+    unit: str
+    """Unit of the deflection; mm unless the model was measured in another one."""
 
 
 class View(NamedTuple):
@@ -210,6 +212,7 @@ class View(NamedTuple):
                 metadata.place_of(channel),
                 deflections_mm.get(channel.name),
                 qualities.get(channel.name, Quality.MISSING),
+                channel.unit,
             )
             for channel in metadata.layout
         ]

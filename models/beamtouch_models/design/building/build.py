@@ -76,7 +76,7 @@ def build_model(
     along_mm, *across_mm = scene.contact.ranges_mm
     fields = measure(made, prior, surface, layout.world, seed, layout.aim)
     rows = [(name, *np.atleast_1d(place).tolist(), None) for name, place in layout.channels.items()]
-    channels = [Channel(name=name, position_mm=x, across_mm=across) for name, x, across, *_ in rows]
+    channels = [Channel(name=name, position_mm=x, across_mm=across, unit=scene.unit) for name, x, across, *_ in rows]
     metadata = Metadata(
         name=name,
         beam=identity_of(scene, layout.channels),

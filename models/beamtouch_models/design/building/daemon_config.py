@@ -8,6 +8,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from beamtouch_common.files import write_atomically
+from beamtouch_common.units import direction_of
 from beamtouch_models.design.building.replaced import sealed
 from beamtouch_models.design.physics.characteristic_fit import Characteristic
 from beamtouch_models.design.pricing.walk import smallest_mm, walk_of
@@ -58,9 +59,12 @@ def _table_of(metadata: Metadata, characteristic: Characteristic) -> list[list[f
 
     The table of the scene was recorded with the straight characteristic of the model's sensor.
     """
-    sensor = metadata.sensor
-    counts = (sensor.standoff_mm - characteristic.shown_mm - sensor.offset_mm) / sensor.gain_mm_per_count
-    points = np.column_stack([counts, sensor.standoff_mm - characteristic.straight_mm])
+    sensor, towards = metadata.sensor, direction_of(metadata.unit)
+    shown_mm, straight_mm = (
+        sensor.standoff_mm + towards * mm for mm in (characteristic.shown_mm, characteristic.straight_mm)
+    )
+    counts = (shown_mm - sensor.offset_mm) / sensor.gain_mm_per_count
+    points = np.column_stack([counts, straight_mm])
     points = points[points[:, 0].argsort()]
     return [[round(float(count), 2), round(float(gap), 6)] for count, gap in points]
 

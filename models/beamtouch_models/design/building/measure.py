@@ -138,7 +138,7 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     ):
         return reached
     raise NotGoodEnoughError(
-        f"with {digits(prior.errors.noise_mm, 3)} mm of noise the error is {digits(ratio.value, 3)} times the accuracy "
+        f"with a noise of {digits(prior.errors.noise_mm, 3)} the error is {digits(ratio.value, 3)} times the accuracy "
         f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
     )
 

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 
 from beamtouch_common.digits import digits
+from beamtouch_common.units import fine
+from beamtouch_models.design.building.table_remarks import remarks_on_table
 from beamtouch_models.design.placement.placing import ALWAYS
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
@@ -24,6 +26,8 @@ def remarks(scene: Scene) -> list[str]:
     """Return what an engineer should look at again in a scene."""
     if scene.plate is not None:
         return [*_assumed(scene.plate), *_hard(scene, scene.plate)]
+    if scene.measured is not None:
+        return [*remarks_on_table(scene.measured, scene.contact)]
     return [*_implausible(scene.beam), *_assumed(scene.beam)] if scene.has_beam else []
 
 
@@ -119,13 +123,13 @@ def _further_sensor(sensors: int, scene: Scene) -> tuple[str, bool]:
     return "measure a further sensor under all loads", False
 
 
-def short_tare(walk: Walk | None) -> str:
+def short_tare(walk: Walk | None, unit: str) -> str:
     """Say in which time the drift of zeros comes to the end of what the daemon follows; empty if it takes long."""
     if walk is None or (lasts_s := 60 * walk.max_mm / walk.rate_mm_per_min) >= SHORT_S:
         return ""
-    um_per_min, most_um = digits(1e3 * walk.rate_mm_per_min, 2), digits(1e3 * walk.max_mm, 2)
+    rate, most = fine(walk.rate_mm_per_min, unit, 2), fine(walk.max_mm, unit, 2)
     return (
-        f"zeros that drift by {um_per_min} um a minute are followed for {digits(lasts_s, 2)} s after a tare only, over "
-        f"{most_um} um, and light contacts are taken for drift then; use sensors that drift less and state "
+        f"zeros that drift by {rate} a minute are followed for {digits(lasts_s, 2)} s after a tare only, over "
+        f"{most}, and light contacts are taken for drift then; use sensors that drift less and state "
         "environment.drift_um_per_min, or begin contact.force_n at a larger force"
     )

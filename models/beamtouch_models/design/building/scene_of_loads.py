@@ -7,10 +7,11 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_common.encodings import decode
+from beamtouch_common.units import MM, fine
 from beamtouch_models.design.building.recorded_noise import independent_variance
 from beamtouch_models.design.rows import RecordingError, Row, read_rows
 from beamtouch_models.design.scene import Scene, make_scene
-from beamtouch_models.design.scene.measured_loads import OF_LOADS, parse_loads
+from beamtouch_models.design.scene.measured_loads import MeasuredLoads, column_of, parse_loads
 
 FEWEST = 5
 """Samples of a load that tell its noise."""
@@ -36,9 +37,8 @@ def scene_of_loads(path: Path) -> Scene:
     loads = parse_loads(decode(path.read_bytes()), str(path))
     if loads.is_per_newton:
         raise RecordingError(f"{path}: it has influence, not loads; name it in a scene: [measured] influence = ...")
-    noise_mm, rate_hz = _noise_mm(rows, loads.names, path), _rate_hz(rows)
+    noise_mm, rate_hz = _noise_mm(rows, loads, path), _rate_hz(rows)
     largest_n = float(loads.force_n.max())
-    travel_mm = float(np.ptp(np.append(loads.deflection_mm, 0.0)))
     return make_scene(
         measured={"influence": loads.to_csv()},
         contact={
@@ -48,32 +48,40 @@ def scene_of_loads(path: Path) -> Scene:
         sensors={
             "noise_mm": noise_mm,
             "rate_hz": rate_hz,
-            "range_mm": [NEAREST_MM, NEAREST_MM + max(USUAL_MM, ROOM * travel_mm)],
+            "range_mm": _range_mm(loads),
         },
         requirements={"latency_ms": max(LATENCY_MS, 1e3 / rate_hz), "descriptors": ["position", "force"]},
     )
 
 
+def _range_mm(loads: MeasuredLoads) -> list[float]:
+    """Return a range of sensors that has room for all that they showed, whatever they show at rest."""
+    travel_mm = ROOM * float(np.ptp(np.append(loads.deflection_mm, 0.0)))
+    if loads.unit == MM:
+        return [NEAREST_MM, NEAREST_MM + max(USUAL_MM, travel_mm)]
+    return [-float(digits(travel_mm, 3)), float(digits(travel_mm, 3))]
+
+
 def assumed_of(scene: Scene) -> str:
     """Say what the scene of a recording takes from it."""
     (low, high), (weak, strong) = scene.contact.position_mm, scene.contact.force_range_n
-    noise_um, rate_hz = digits(1e3 * (scene.sensors.noise_mm or 0.0), 3), scene.sensors.rate_hz
+    noise, rate_hz = fine(scene.sensors.noise_mm or 0.0, scene.unit), scene.sensors.rate_hz
     return (
         f"taken from the loads: contacts at {low:g} to {high:g} mm with {digits(weak, 3)} to {digits(strong, 3)} N, "
-        f"{noise_um} um of noise in each of {digits(rate_hz, 3)} samples a second; `design-sensors inspect` shows all, "
+        f"{noise} of noise in each of {digits(rate_hz, 3)} samples a second; `design-sensors inspect` shows all, "
         "and a scene with [measured] states it otherwise"
     )
 
 
-def _noise_mm(rows: Sequence[Row], names: Sequence[str], path: Path) -> float:
+def _noise_mm(rows: Sequence[Row], loads: MeasuredLoads, path: Path) -> float:
     """Return the noise of a reading from the samples within loads; RecordingError if loads have too few."""
     numbers = np.array([row.load() if row.cells.get("load") else -index for index, row in enumerate(rows, start=1)])
     series = []
     for load in np.unique(numbers):
         own = [row for row, number in zip(rows, numbers, strict=True) if number == load]
-        for name in names:
+        for name in loads.names:
             good = [row for row in own if row.cells.get(f"{name}_quality", "good") == "good"]
-            shown = np.array([row.number_in(f"{name}{OF_LOADS}") for row in good])
+            shown = np.array([row.number_in(column_of(name, loads.unit)) for row in good])
             if len(shown) >= FEWEST:
                 series.append(shown)
     if not any(np.ptp(shown) > 0 for shown in series):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_common.digits import digits
+from beamtouch_common.units import MM
 from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import AGREED
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
@@ -104,8 +105,9 @@ def _bend_in_words(found: Fit, kind: str, names: list[str]) -> str:
     least_mm = max(HARMLESS_NOISES * found.nominal.prior.errors.noise_mm, HARMLESS_BEND * abs(shown_mm))
     if abs(bends_mm[worst]) < least_mm:
         return ""
+    unit, shown, said = found.nominal.unit, digits(shown_mm, 3), digits(shown_mm - float(bends_mm[worst]), 3)
+    measure = "measure one with feeler gauges" if unit == MM else "measure one"
     return (
-        f"{names[channel]} does not fit, as if its characteristic were another: where it shows {digits(shown_mm, 3)} "
-        f"mm, the loads say {digits(shown_mm - float(bends_mm[worst]), 3)} mm. Check its table, or measure one with "
-        "feeler gauges, and record the loads again"
+        f"{names[channel]} does not fit, as if its characteristic were another: where it shows {shown} {unit}, the "
+        f"loads say {said} {unit}. Check its table, or {measure}, and record the loads again"
     )

@@ -11,6 +11,7 @@ from scipy.optimize import lsq_linear
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibrated import depart
+from beamtouch_models.design.physics.influence_function import Interpolation
 from beamtouch_models.design.physics.structure import Structure
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.surface import resolve_model
@@ -64,6 +65,10 @@ class NominalSurface:
     max_deflection_mm: float
     drift_mm_per_min: float
     """Standard deviation of the drift of a zero."""
+    unit: str
+    """Unit of the deflections."""
+    table: Interpolation | None
+    """What the table of a measured structure leaves open; None for a beam."""
     mounting_mm: float = POSITION_MM
     """Standard deviation of a plausible position of a sensor from that of the layout."""
     _influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
@@ -81,6 +86,8 @@ class NominalSurface:
             prior,
             metadata.max_deflection_mm,
             metadata.floor.drift_mm_per_min,
+            metadata.unit,
+            surface.influence.interpolation,
         )
 
     @cached_property
@@ -179,6 +186,17 @@ class NominalSurface:
                 moved_mm = self.curve(vector + step).measured_mm(place_mm, force_n) - expected_mm
                 slopes[:, np.arange(self.prior.channels), moved] = moved_mm / step[moved]
         return slopes
+
+    def left_open_mm(self, place_mm: Floats, force_n: Floats) -> Floats:
+        """Return the standard deviation of the deflections (loads, channels) that a measured table leaves open."""
+        if self.table is None:
+            return np.zeros((len(force_n), self.prior.channels))
+        places = on_axis(self.sensor_mm), place_mm
+        per_newton = self.table.deviation_at(*places)
+        if self.table.repeats is not None:
+            per_newton = np.hypot(per_newton, self.table.repeats(*places))
+        deviation: Floats = force_n[:, None] * per_newton
+        return deviation
 
     @property
     def degrees(self) -> int:

@@ -13,6 +13,7 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.rows import RecordingError, Row, read_rows
+from beamtouch_models.design.scene.measured_loads import column_of
 from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.health.changes import DRIFT
 from beamtouch_models.runtime.health.residuals import LoadErrors
@@ -80,7 +81,7 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
     rows, columns = read_rows(path)
     if not rows:
         raise RecordingError(f"{path}: no samples; record loads with beamtouch-daemon record")
-    wanted = ["load", "position_mm", "force_n", *(f"{name}_deflection_mm" for name in channels)]
+    wanted = ["load", "position_mm", "force_n", *(column_of(name, metadata.unit) for name in channels)]
     missing = [column for column in wanted if column not in columns]
     if missing:
         raise RecordingError(
@@ -104,13 +105,13 @@ def _averaged(rows: list[Row], channels: list[str], metadata: Metadata) -> Loads
     """Return the means of all loads; raises RecordingError if a value is not a number."""
     number, line = np.array([row.load() for row in rows]), np.array([row.number for row in rows])
     position, force = (np.array([row.number_in(column) for row in rows]) for column in ("position_mm", "force_n"))
-    measured = np.array([[_deflection_mm(row, name) for name in channels] for row in rows])
+    measured = np.array([[_deflection_mm(row, name, metadata.unit) for name in channels] for row in rows])
     beyond = np.argwhere(np.abs(measured) > MAX_DEFLECTIONS * metadata.max_deflection_mm)
     if len(beyond):
         row, channel = beyond[0]
         raise RecordingError(
-            f"{channels[channel]} states {measured[row, channel]:g} mm in line {line[row]}, but this surface deflects "
-            f"by {digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
+            f"{channels[channel]} states {measured[row, channel]:g} {metadata.unit} in line {line[row]}, "
+            f"{_but_at_most(metadata)}"
         )
     loads = np.unique(number)
     rows_of_loads = [np.flatnonzero(number == load) for load in loads]
@@ -134,6 +135,11 @@ def _averaged(rows: list[Row], channels: list[str], metadata: Metadata) -> Loads
     )
 
 
+def _but_at_most(metadata: Metadata) -> str:
+    largest = digits(metadata.max_deflection_mm, 3)
+    return f"but this surface deflects by {largest} {metadata.unit} at most; check the unit and the daemon's config"
+
+
 def _minutes(rows: list[Row], each: list[Indices]) -> Floats:
     """Return the time of each load since the first [min]; 0 if some load has none."""
     try:
@@ -145,9 +151,9 @@ def _minutes(rows: list[Row], each: list[Indices]) -> Floats:
     return since if np.isfinite(since).all() and since.max() < MAX_MINUTES else np.zeros(len(each))
 
 
-def _deflection_mm(row: Row, channel: str) -> float:
+def _deflection_mm(row: Row, channel: str, unit: str) -> float:
     """Return a channel's deflection; NaN if it has none, or is not good."""
-    column, quality = f"{channel}_deflection_mm", row.cells.get(f"{channel}_quality", GOOD)
+    column, quality = column_of(channel, unit), row.cells.get(f"{channel}_quality", GOOD)
     return row.number_in(column) if row.cells[column] and quality == GOOD else np.nan
 
 
@@ -297,10 +303,7 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
         if not (np.isfinite(value) and 0 < error < np.inf):
             raise RecordingError(f"{name} must have a finite deflection and a positive finite deviation")
         if max(abs(value), error) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
-            raise RecordingError(
-                f"{name} states {value:g} +- {error:g} mm, but this surface deflects by "
-                f"{digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
-            )
+            raise RecordingError(f"{name} states {value:g} +- {error:g} {metadata.unit}, {_but_at_most(metadata)}")
     if np.nanmax(np.abs(rest), initial=0.0) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
         raise RecordingError("the rest before it is larger than any deflection; check the unit and the daemon's config")
     deviation = [max(error, MIN_DEVIATION * metadata.max_deflection_mm) for error in deviation]

@@ -126,7 +126,8 @@ class Session:
     def residuals(self, vector: Floats) -> Residuals:
         """Return the residuals of the loads."""
         loads, curve = self.as_of_surface(vector), self.nominal.curve(vector)
-        return Residuals.of(curve, loads.place_mm, loads.force_n, loads.measured_mm, loads.deviation_mm)
+        deviation_mm = np.hypot(loads.deviation_mm, self._left_open_mm)
+        return Residuals.of(curve, loads.place_mm, loads.force_n, loads.measured_mm, deviation_mm)
 
     def slopes(self, vector: Floats, kinds: tuple[str, ...]) -> Floats:
         """Return the change of what is expected of each deflection with each entry, (loads, channels, entries).
@@ -150,6 +151,11 @@ class Session:
             if bend_of(channel) in kinds:
                 slopes[:, channel, self.kinds[bend_of(channel)]] = self._bend_units_mm[:, :, channel]
         return slopes * np.isfinite(loads.measured_mm)[..., None]
+
+    @cached_property
+    def _left_open_mm(self) -> Floats:
+        """(loads, channels) what the table of a measured structure leaves open: the loads are as they are stated."""
+        return self.nominal.left_open_mm(self.loads.place_mm, self.loads.force_n)
 
     @property
     def _channels(self) -> int:

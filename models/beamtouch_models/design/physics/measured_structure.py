@@ -178,7 +178,7 @@ def _structure(
     mean, between = fit.at(on_axis(at_mm))
     is_contact = (at_mm >= contacts_mm[0]) & (at_mm <= contacts_mm[1])
     largest = np.sqrt(np.mean(mean[is_contact] ** 2, axis=0))
-    if message := _contradiction(fit, values, force_n, largest, names):
+    if message := _contradiction(fit, values, force_n, largest, names, loads.unit):
         raise SceneError(f"measured.influence: {message}")
     scattered = _scattered(fit, largest, names)
     if scattered and len(values) >= ENOUGH:
@@ -221,7 +221,9 @@ def _unknown(variance: Floats, largest: Floats) -> Floats:
     return unknown
 
 
-def _contradiction(fit: SmoothFit, values: Floats, force_n: Floats, largest: Floats, names: tuple[str, ...]) -> str:
+def _contradiction(
+    fit: SmoothFit, values: Floats, force_n: Floats, largest: Floats, names: tuple[str, ...], unit: str
+) -> str:
     """Say which load contradicts the others; empty if none does."""
     if len(values) < ENOUGH:
         return ""
@@ -229,14 +231,37 @@ def _contradiction(fit: SmoothFit, values: Floats, force_n: Floats, largest: Flo
     others = np.delete(np.arange(len(values)), suspect)
     without = SmoothFit.of(fit.place_mm[others], values[others], force_n[others])
     mean, deviation = (rows[0] for rows in without.at(fit.place_mm[[suspect]]))
-    off = np.nan_to_num(np.abs(values[suspect] - mean))
+    off = np.fmin(np.abs(values[suspect] - mean), _off_a_side(fit.place_mm, values, suspect))
+    off[np.isnan(values[suspect])] = 0.0
     worst = int((off / np.hypot(deviation, without.repeatability)).argmax())
     if off[worst] <= max(SURELY * np.hypot(deviation, without.repeatability)[worst], COARSE * largest[worst]):
         return ""
     load = f"the load at {fit.place_mm[suspect, 0]:g} mm with {force_n[suspect]:g} N"
     both = values[suspect, worst], mean[worst]
     shown, said = (digits(float(per_newton * force_n[suspect]), 3) for per_newton in both)
-    return f"under {load}, {names[worst]} shows {shown} mm, but the others say {said}; measure it again, or take it out"
+    wrong = f"under {load}, {names[worst]} shows {shown} {unit}, but the others say {said}"
+    return f"{wrong}; measure it again, or take it out"
+
+
+def _off_a_side(place_mm: Floats, values: Floats, index: int) -> Floats:
+    """Return by how much the values of a place (columns,) miss the straight line through its neighbours on one side.
+
+    A load that stands on a kink, as under a string or above a strain gauge, surprises a smooth fit, but it lies on the
+    line of one of its sides. A load that is wrong lies on neither.
+    """
+    along = place_mm.reshape(len(values), -1)
+    off: Floats = np.full(values.shape[1], np.inf)
+    if along.shape[1] > 1:
+        return off
+    here, distance = along[index, 0], along[:, 0] - along[index, 0]
+    for side in (distance < 0, distance > 0):
+        beside = np.unique(along[side, 0])
+        near, next_to_it = beside[np.abs(beside - here).argsort()[:2]] if len(beside) > 1 else (here, here)
+        if near != next_to_it:
+            first, second = (values[along[:, 0] == place].mean(axis=0) for place in (near, next_to_it))
+            line = first + (first - second) * (here - near) / (near - next_to_it)
+            off = np.fmin(off, np.abs(values[index] - line))
+    return off
 
 
 def _scattered(fit: SmoothFit, largest: Floats, names: tuple[str, ...]) -> str:

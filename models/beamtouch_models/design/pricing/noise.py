@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from beamtouch_common.digits import Rounded, digits
+from beamtouch_common.units import MM
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import Chain, Mean, readings_within
@@ -61,7 +62,7 @@ class ReadingErrors(Rounded):
     """Drift of a zero with the temperature; 0 if the scene does not state it."""
     drift_mm_per_min: float
     """Drift of all zeros together in a minute. If the scene does not state it, MINUTE_SHARE of a reading's noise, and
-    at least HALL_MM_PER_MIN, as far as LEAST_SHARE allows, unless the scene states `zero_mm`."""
+    for gaps at least HALL_MM_PER_MIN, as far as LEAST_SHARE allows, unless the scene states `zero_mm`."""
 
     @classmethod
     def of(cls, scene: Scene, max_deflection_mm: float) -> Self:
@@ -81,7 +82,7 @@ class ReadingErrors(Rounded):
         um_per_min = scene.environment.drift_um_per_min
         least_n, largest_n = scene.contact.force_range_n
         usual_mm_per_min = MINUTE_SHARE * reading_mm
-        if sensors.zero_drift_mm is None:
+        if sensors.zero_drift_mm is None and scene.unit == MM:
             hall_mm_per_min = min(HALL_MM_PER_MIN, LEAST_SHARE * max_deflection_mm * least_n / largest_n)
             usual_mm_per_min = max(usual_mm_per_min, hall_mm_per_min)
         return cls(
@@ -203,35 +204,35 @@ def check_errors(scene: Scene, errors: ReadingErrors, chosen: FilterChoice, defl
 
     `errors` are those of the scene, `chosen` is the filter and `deflection_mm` the largest deflection.
     """
-    check_scale(errors.behind(chosen).sample_mm, deflection_mm)
+    check_scale(errors.behind(chosen).sample_mm, deflection_mm, scene.unit)
     if max(errors.zero_mm, errors.warmth_mm) > MAX_NOISE * deflection_mm:
         setting = f"zero_drift_mm = {digits(errors.zero_mm, 3)}"
         if errors.warmth_mm > errors.zero_mm:
             setting = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
         raise SceneError(
-            f"sensors.{setting} hides the largest deflection, {digits(deflection_mm, 3)} mm; "
+            f"sensors.{setting} hides the largest deflection, {digits(deflection_mm, 3)} {scene.unit}; "
             "tare more often, use better sensors or a softer beam"
         )
 
 
-def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
-    """Raise SceneError if no model can carry the deflection, or the noise next to it.
+def check_scale(noise_mm: float, max_deflection_mm: float, unit: str = MM) -> None:
+    """Raise SceneError if no model can carry the deflection, or the noise next to it; both are in `unit`.
 
     A noise of 0 passes; the caller decides whether it will do.
     """
     if not MIN_DEFLECTION_MM <= max_deflection_mm <= MAX_DEFLECTION_MM:
         raise SceneError(
-            f"beam: the largest deflection is {digits(max_deflection_mm, 3)} mm, which no sensor measures; check its "
-            "length, its rigidity and contact.force_n"
+            f"the largest deflection is {digits(max_deflection_mm, 3)} {unit}, which no sensor measures; check the "
+            "length and the rigidity of a beam, the table of a measured structure, and contact.force_n"
         )
     if noise_mm > MAX_NOISE * max_deflection_mm:
         raise SceneError(
-            f"sensors: a sample's noise of {digits(noise_mm, 3)} mm hides the largest deflection, "
-            f"{digits(max_deflection_mm, 3)} mm; use better sensors or a softer beam"
+            f"sensors: a sample's noise of {digits(noise_mm, 3)} {unit} hides the largest deflection, "
+            f"{digits(max_deflection_mm, 3)} {unit}; use better sensors or a softer beam"
         )
     if 0 < noise_mm < MIN_NOISE * max_deflection_mm:
         raise SceneError(
-            f"sensors: a sample's noise of {digits(noise_mm, 3)} mm is less than 1e-4 % of the largest deflection, "
-            f"{digits(max_deflection_mm, 3)} mm, too little for the float32 of a model; state the noise of a real "
+            f"sensors: a sample's noise of {digits(noise_mm, 3)} {unit} is less than 1e-4 % of the largest deflection, "
+            f"{digits(max_deflection_mm, 3)} {unit}, too little for the float32 of a model; state the noise of a real "
             "sensor"
         )

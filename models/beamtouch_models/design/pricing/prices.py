@@ -14,6 +14,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
+from beamtouch_common.units import fine
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics import motion
 from beamtouch_models.design.physics.axial import held, holding_mm
@@ -129,7 +130,7 @@ def _gain_error(pricing: Pricing) -> Effect:
 def _zero_drift(pricing: Pricing) -> Effect:
     zero_mm = pricing.readings.zero_mm
     assumed = "" if pricing.scene.sensors.zero_drift_mm is not None else " (assumed)"
-    reason = f"{digits(1000 * zero_mm, 3)} um since the last tare{assumed}"
+    reason = f"{fine(zero_mm, pricing.scene.unit)} since the last tare{assumed}"
     return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
 
 
@@ -140,8 +141,8 @@ def _drift_under_a_load(pricing: Pricing) -> Effect:
         return Effect(name, 0.0, "out", "the scene states that zeros do not drift")
     assumed = "" if pricing.scene.environment.drift_um_per_min is not None else " (assumed)"
     reason = (
-        f"zeros drift by {digits(1000 * rate_mm, 3)} um a minute together{assumed}, each by itself by {OWN:g} times "
-        "that; each rest corrects them, and intervals widen while a contact lasts"
+        f"zeros drift by {fine(rate_mm, pricing.scene.unit)} a minute together{assumed}, each by itself by {OWN:g} "
+        "times that; each rest corrects them, and intervals widen while a contact lasts"
     )
     return Effect(name, pricing.in_noise(np.array([OWN * rate_mm])), "floor", reason)
 
@@ -162,9 +163,8 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
 
 def _sensor_curve(pricing: Pricing) -> Effect:
     low, high = pricing.scene.sensors.range_mm
-    return Effect(
-        "sensor curve", None, "not stated", f"taken as linear over {low:g}..{high:g} mm; `calibrate` measures it"
-    )
+    span = f"{low:g}..{high:g} {pricing.scene.unit}"
+    return Effect("sensor curve", None, "not stated", f"taken as linear over {span}; `calibrate` measures it")
 
 
 def _adc_steps(pricing: Pricing) -> Effect:
@@ -175,9 +175,9 @@ def _adc_steps(pricing: Pricing) -> Effect:
     # only as far as noise moves the readings over the steps.
     step, stays_mm = pricing.readings.step_mm, pricing.readings.rounding_mm
     price = math.hypot(step / math.sqrt(12 * pricing.filter.window), stays_mm) / pricing.noise_mm
-    reason = f"{digits(1000 * step, 3)} um per count"
+    reason = f"{fine(step, scene.unit)} per count"
     if stays_mm >= NEGLIGIBLE * pricing.noise_mm:
-        reason += f"; the noise is too small to average it out, so {digits(1000 * stays_mm, 3)} um stay in every mean"
+        reason += f"; the noise is too small to average it out, so {fine(stays_mm, scene.unit)} stay in every mean"
     return Effect("ADC steps", price, "floor", reason)
 
 
@@ -223,8 +223,8 @@ def _sensor_drift(pricing: Pricing) -> Effect:
     span_k = range_k[1] - range_k[0]
     beside = f"{digits(drift_mm / zero_mm, 2)} times" if zero_mm else "beside no"
     reason = (
-        f"up to {digits(sensors.drift_um_per_k * span_k, 3)} um after a tare at the other end of {span_k:g} K, "
-        f"{digits(1000 * drift_mm, 3)} um as a standard deviation, {beside} zero drift"
+        f"up to {fine(1e-3 * sensors.drift_um_per_k * span_k, pricing.scene.unit)} after a tare at the other end of "
+        f"{span_k:g} K, {fine(drift_mm, pricing.scene.unit)} as a standard deviation, {beside} zero drift"
     )
     return Effect(name, pricing.in_noise(np.array([drift_mm])), "floor", reason)
 

@@ -15,11 +15,12 @@ from pydantic import ConfigDict, Field, model_validator
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import parse_toml, read_text, validate
+from beamtouch_common.units import MM
 from beamtouch_models.design.rates import MAX_FALSE, max_false_per_day
 from beamtouch_models.design.scene.beam import Beam, identity_of_beam
 from beamtouch_models.design.scene.measured import FOLDER, Measured, identity_of_measured
 from beamtouch_models.design.scene.plate import Plate, identity_of_plate
-from beamtouch_models.design.scene.plausible import in_other_units, misplaced, not_of_measured
+from beamtouch_models.design.scene.plausible import in_its_unit, in_other_units, misplaced, not_of_measured
 from beamtouch_models.design.scene.plausible_plate import implausible_plate
 from beamtouch_models.design.scene.tables import Contact, Environment, Requirements, Sensors, Strict
 from beamtouch_models.errors import SceneError, require
@@ -77,6 +78,8 @@ class Scene(Strict):
         if self.measured is not None and (
             message := next(not_of_measured(self.measured, self.contact, self.sensors), "")
         ):
+            raise ValueError(message)
+        if message := next(in_its_unit(self.unit, self.sensors), ""):
             raise ValueError(message)
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
             raise ValueError(f"sensors.count = {list(self.sensors.count_range)}: the first must not exceed the second")
@@ -138,6 +141,11 @@ class Scene(Strict):
     def diagonal_mm(self) -> float:
         """Length of which errors are a percentage: that of a beam, the diagonal of a plate."""
         return math.hypot(*self.size_mm)
+
+    @property
+    def unit(self) -> str:
+        """Unit of what sensors show: mm, unless the table of a measured structure has another one."""
+        return MM if self.measured is None else self.measured.loads.unit
 
     @property
     def length_mm(self) -> float:

@@ -33,7 +33,9 @@ class Measured(Strict):
     influence: str
     """Path of a CSV file, relative to the scene, or its text. Of loads: `position_mm`, `force_n` and
     `NAME_deflection_mm` for each sensor, as `beamtouch-daemon record` writes them. Of influence: `position_mm` and
-    `NAME_mm_per_n`."""
+    `NAME_mm_per_n`. Sensors that do not show mm have their unit there, as in `NAME_deflection_uV/V` and
+    `NAME_uV/V_per_n`: all that the scene states in `_mm` on what sensors show is in this unit, and `_um` in a
+    thousandth of it."""
     length_mm: PositiveFinite | None = None
     """Length of the structure. Default: up to the last load or sensor."""
     sensors_mm: dict[str, Finite] = Field(default_factory=dict)

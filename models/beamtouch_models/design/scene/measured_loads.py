@@ -2,23 +2,26 @@
 
 A table of loads has the columns `position_mm`, `force_n` and a `NAME_deflection_mm` for each sensor, as
 `beamtouch-daemon record` writes them: rows with the same number in the column `load` are samples of one load. A table
-of influence has `position_mm` and a `NAME_mm_per_n` for each sensor.
+of influence has `position_mm` and a `NAME_mm_per_n` for each sensor. What is not measured in mm has its unit there:
+`NAME_deflection_uV/V`, `NAME_uV/V_per_n`.
 """
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from beamtouch_common.names import NAME
+from beamtouch_common.units import LENGTHS_MM, MM, UNIT, plain
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.rows import RecordingError, Row, parse_rows
 
-OF_LOADS, PER_NEWTON = "_deflection_mm", "_mm_per_n"
-"""Ends of the columns of sensors in a table of loads, and in one of influence."""
-BESIDE = ("unix_time_s", "load", "_counts", "_quality")
-"""Columns that `record` writes as well, or their ends."""
+OF_LOADS, PER_NEWTON = re.compile(rf"(.*)_deflection_({UNIT})"), re.compile(rf"(.*)_({UNIT})_per_n")
+"""Columns of sensors in a table of loads, and in one of influence: name and unit."""
+BESIDE = ("_counts", "_quality")
+"""Ends of the columns that `record` writes for each sensor as well."""
 FEWEST, MOST = 4, 500
 """Loads of a table: with fewer nothing tells how smooth the influence is, with more a fit takes long."""
 PLACES = 3
@@ -43,6 +46,8 @@ class MeasuredLoads:
     """(loads, sensors) mean of the samples of each load."""
     is_per_newton: bool
     """True if the table is one of influence: forces are not known then."""
+    unit: str = MM
+    """Unit of the deflections; where it is another one than mm, figures in `_mm` are in it."""
 
     @property
     def influence_mm_per_n(self) -> Floats:
@@ -53,13 +58,18 @@ class MeasuredLoads:
     def to_csv(self) -> str:
         """Return the table as CSV text with a row for each load."""
         if self.is_per_newton:
-            columns, known = [f"{name}{PER_NEWTON}" for name in self.names], [self.position_mm]
+            columns, known = [f"{name}_{self.unit}_per_n" for name in self.names], [self.position_mm]
         else:
-            columns = ["force_n", *(f"{name}{OF_LOADS}" for name in self.names)]
+            columns = ["force_n", *(column_of(name, self.unit) for name in self.names)]
             known = [self.position_mm, self.force_n]
         rows = np.column_stack([*known, self.deflection_mm])
         lines = [",".join(["position_mm", *columns]), *(",".join(f"{x:.{DIGITS}g}" for x in row) for row in rows)]
         return "\n".join(lines) + "\n"
+
+
+def column_of(name: str, unit: str) -> str:
+    """Return the column of what a sensor shows under loads."""
+    return f"{name}_deflection_{unit}"
 
 
 def parse_loads(text: str, origin: str) -> MeasuredLoads:
@@ -72,11 +82,11 @@ def parse_loads(text: str, origin: str) -> MeasuredLoads:
 
 
 def _loads_of(rows: list[Row], columns: Sequence[str]) -> MeasuredLoads:
-    end = PER_NEWTON if any(column.endswith(PER_NEWTON) for column in columns) else OF_LOADS
-    names = _names_in(columns, end)
+    per_newton = any(map(PER_NEWTON.fullmatch, columns))
+    sensors = _sensors_in(columns, per_newton=per_newton)
+    names = tuple(name for name, _ in sensors.values())
     if not rows:
         raise RecordingError("it has no loads, only the names of columns; add a row for each load")
-    per_newton = end == PER_NEWTON
     known = np.array(
         [[_number_in(row, "position_mm"), 1.0 if per_newton else _number_in(row, "force_n")] for row in rows]
     )
@@ -86,7 +96,9 @@ def _loads_of(rows: list[Row], columns: Sequence[str]) -> MeasuredLoads:
         if force <= 0:
             what = "is no load; take the row out" if force == 0 else "pulls; state forces that press as positive"
             raise RecordingError(f"line {row.number}: force_n = {force:g} {what}")
-    shown = np.array([[_shown_in(row, f"{name}{end}", f"{name}_quality") for name in names] for row in rows])
+    shown = np.array(
+        [[_shown_in(row, column, f"{name}_quality") for column, (name, _) in sensors.items()] for row in rows]
+    )
     numbers = [row.load() if row.cells.get("load") else -index for index, row in enumerate(rows, start=1)]
     loads = list(dict.fromkeys(numbers))
     groups = [np.flatnonzero(np.array(numbers) == load) for load in loads]
@@ -104,27 +116,61 @@ def _loads_of(rows: list[Row], columns: Sequence[str]) -> MeasuredLoads:
     mean = np.array([np.nansum(shown[own], axis=0) for own in groups]) / good
     places = known[[own[0] for own in groups]]
     _check(places[:, 0], mean, names)
-    return MeasuredLoads(names, places[:, 0], places[:, 1], mean, per_newton)
+    return MeasuredLoads(names, places[:, 0], places[:, 1], mean, per_newton, next(iter(sensors.values()))[1])
 
 
-def _names_in(columns: Sequence[str], end: str) -> tuple[str, ...]:
-    """Return the names of the sensors; RecordingError if a column is missing or unknown."""
-    names = tuple(column.removesuffix(end) for column in columns if column.endswith(end))
-    wanted = ["position_mm"] if end == PER_NEWTON else ["position_mm", "force_n"]
+def _sensors_in(columns: Sequence[str], *, per_newton: bool) -> dict[str, tuple[str, str]]:
+    """Return name and unit of the sensor in each column that has one; RecordingError if a column is missing or wrong.
+
+    Further columns are the user's own, unless their names say that they are forces or deflections, too.
+    """
+    of_sensor = PER_NEWTON if per_newton else OF_LOADS
+    matches = {column: of_sensor.fullmatch(column) for column in columns}
+    found = {column: (match[1], plain(match[2])) for column, match in matches.items() if match}
+    wanted = ["position_mm"] if per_newton else ["position_mm", "force_n"]
     told = (
-        f"the columns of loads are position_mm, force_n and NAME{OF_LOADS}, those of influence position_mm and "
-        f"NAME{PER_NEWTON}"
+        "the columns of loads are position_mm, force_n and NAME_deflection_mm, those of influence position_mm and "
+        "NAME_mm_per_n; another unit takes the place of mm in them, as in NAME_deflection_uV/V"
     )
     if missing := [column for column in wanted if column not in columns]:
-        raise RecordingError(f"column {missing[0]} is missing; {told}")
-    if not names:
+        raise RecordingError(f"column {missing[0]} is missing; {_hint_at(missing[0], columns)}{told}")
+    if lengths := [column for column, (_, unit) in found.items() if unit in LENGTHS_MM]:
+        _, unit = found[lengths[0]]
+        raise RecordingError(
+            f"column {lengths[0]}: lengths are in mm; convert it, one {unit} is {LENGTHS_MM[unit]:g} mm, and name it so"
+        )
+    if not found:
         raise RecordingError(f"it has no column of a sensor; {told}")
-    known = (*wanted, *BESIDE[:2], *(f"{name}{also}" for name in names for also in (end, *BESIDE[2:])))
-    if unknown := [column for column in columns if column not in known]:
+    names = {name for name, _ in found.values()}
+    known = {*wanted, "unix_time_s", "load", *found, *(f"{name}{end}" for name in names for end in BESIDE)}
+    if unknown := [column for column in columns if column not in known and _seems_measured(column)]:
         raise RecordingError(f"column {unknown[0]!r} is not known; {told}")
-    if wrong := [name for name in names if not re.fullmatch(NAME, name)]:
-        raise RecordingError(f"column {wrong[0]}{end} does not begin with the name of a sensor, as s1{end} does")
-    return names
+    if wrong := [column for column, (name, _) in found.items() if not re.fullmatch(NAME, name)]:
+        raise RecordingError(f"column {wrong[0]} does not begin with the name of a sensor, as s1_deflection_mm does")
+    if len(names) < len(found):
+        raise RecordingError(f"two columns are of {next(iter(names))}, in different units; take one out")
+    units = {unit: name for name, unit in found.values()}
+    if len(units) > 1:
+        (first, name), (second, other) = list(units.items())[:2]
+        raise RecordingError(
+            f"{name} is in {first} and {other} in {second}; sensors of one structure are of one kind, with one unit"
+        )
+    return found
+
+
+def _seems_measured(column: str) -> bool:
+    """Return whether the name of a column that is not known says that it may be of a sensor, a place or a force."""
+    return "deflection" in column or column.rpartition("_")[2] in (MM, *LENGTHS_MM, "n", "N", "kg", "g")
+
+
+def _hint_at(missing: str, columns: Sequence[str]) -> str:
+    """Return what to do about a column that seems to be the missing one in another unit; empty if there is none."""
+    named, _, _ = missing.rpartition("_")
+    other = next((column for column in columns if column.rpartition("_")[0] == named), None)
+    if other is None:
+        return ""
+    remedy = "one g weighs 0.00981 N, one kg 9.81 N" if named == "force" else "one um is 0.001 mm, one m 1000 mm"
+    return f"convert {other}: {remedy}; "
 
 
 def _number_in(row: Row, column: str) -> float:
@@ -156,3 +202,9 @@ def _check(position_mm: Floats, deflection_mm: Floats, names: Sequence[str]) -> 
         )
     if silent := [name for name, shown in zip(names, deflection_mm.T, strict=True) if not shown.any()]:
         raise RecordingError(f"{silent[0]} is 0 under all loads; check the sensor, or take its column out")
+    for one, other in combinations(range(len(names)), 2):
+        if np.array_equal(deflection_mm[:, one], deflection_mm[:, other]):
+            raise RecordingError(
+                f"{names[one]} and {names[other]} show the same under all loads, to the last digit; one is a copy: "
+                "correct it, or take its column out"
+            )

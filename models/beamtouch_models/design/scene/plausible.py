@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from beamtouch_common.digits import digits
+from beamtouch_common.units import MM
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.scene.measured import Measured
 from beamtouch_models.design.scene.plate import Plate
@@ -61,9 +62,28 @@ def too_noisy(sensors: Sensors) -> Iterator[str]:
         )
 
 
+def in_its_unit(unit: str, sensors: Sensors) -> Iterator[str]:
+    """Yield what to change in the range of sensors that show a unit: gaps are positive, other values need a range."""
+    if unit == MM:
+        for key, values in (("range_mm", sensors.range_mm), ("standoff_mm", [sensors.standoff_mm or 1.0])):
+            if min(values) <= 0:
+                yield f"sensors.{key}: a gap must be greater than 0, not {min(values):g}"
+    elif "range_mm" not in sensors.model_fields_set:
+        yield (
+            f"sensors.range_mm is missing: state the smallest and the largest value in {unit} that the sensors show, "
+            "as their data sheet or the input of their module has them"
+        )
+
+
 def not_of_measured(measured: Measured, contact: Contact, sensors: Sensors) -> Iterator[str]:
     """Yield what to change in what a scene states beside a measured structure."""
     end_mm, names, places = measured.end_mm, measured.loads.names, measured.places_mm
+    if end_mm <= SHORTEST_MM:
+        yield (
+            f"measured: the structure ends at {end_mm:g} mm, too short to tell places on it; if the places of its "
+            f"loads are in metres, write {MM_PER_M * end_mm:g}"
+        )
+    yield from _too_far(measured, contact)
     if contact.position_mm[0] < 0 or contact.position_mm[1] > end_mm:
         yield (
             f"contact.position_mm = {list(contact.position_mm)} reaches beyond the structure, 0..{end_mm:g} mm; "
@@ -79,6 +99,23 @@ def not_of_measured(measured: Measured, contact: Contact, sensors: Sensors) -> I
         yield f"sensors.fixed_mm has {away[0]:g} mm, where the table has no sensor; its sensors are {_in_words(places)}"
     if sensors.count != "auto" and sensors.count_range[0] > len(names):
         yield f"sensors.count = {sensors.count_range[0]}, but the table has {len(names)} sensors: {', '.join(names)}"
+
+
+def _too_far(measured: Measured, contact: Contact) -> Iterator[str]:
+    """Yield what to change where sensors show more than a structure of that length can bend."""
+    loads, length_mm = measured.loads, measured.end_mm
+    if loads.unit != MM:
+        return
+    shown = {name: abs(column).tolist() for name, column in zip(loads.names, loads.influence_mm_per_n.T, strict=True)}
+    bent_mm = {name: contact.force_range_n[1] * max(filter(math.isfinite, column)) for name, column in shown.items()}
+    name = max(bent_mm, key=lambda name: bent_mm[name])
+    if bent_mm[name] > length_mm:
+        most, force_n = digits(bent_mm[name], 3), contact.force_range_n[1]
+        yield (
+            f"measured.influence: {name} shows {most} mm under {force_n:g} N, more than the structure is long; if the "
+            f"table is in um, divide its deflections by {UM_PER_MM}; if they are in another unit, name it, as "
+            f"{name}_deflection_uV/V"
+        )
 
 
 def _in_words(places: Mapping[str, float]) -> str:

@@ -185,10 +185,12 @@ class Sensors(Strict):
     """Standard deviation of each sensor's position along the beam, or along each axis of a plate."""
     rate_hz: PositiveFinite = 100.0
     """Readings per second."""
-    range_mm: PositivePair = (1.0, 4.0)
-    """Smallest and largest gap between which the sensor is linear."""
-    standoff_mm: PositiveFinite | None = None
-    """Gap at rest; by default the travel of the beam is centred in the range."""
+    range_mm: Pair = (1.0, 4.0)
+    """Smallest and largest gap between which the sensor is linear; of other sensors than those of a gap in mm, the
+    smallest and largest value, which have no default."""
+    standoff_mm: Finite | None = None
+    """Gap at rest; by default the travel of the beam is centred in the range. Of sensors that show no gap, the value at
+    rest; by default 0, if the range leaves room."""
     adc_bits: Annotated[int, Field(ge=6, le=16)] | None = None
     """Bits of the ADC; by default its steps are not modelled. Rounding that the noise does not average out stays."""
     drift_um_per_k: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from beamtouch_common.files import load_toml
+from beamtouch_common.units import MM, direction_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.influence_function import travel_of
 from beamtouch_models.design.physics.structure import characteristics_of, influence_of
@@ -38,7 +39,7 @@ class Imperfections(Strict):
     gain: Annotated[tuple[PositiveFinite, ...], Field(strict=False)] = ()
     """Measured over true deflection, per channel."""
     offset_mm: Annotated[tuple[Finite, ...], Field(strict=False)] = ()
-    """Added to each gap; a tare removes it."""
+    """Added to each gap, or value of a sensor that shows no gap; a tare removes it."""
     drift_um_per_min: Annotated[tuple[Finite, ...], Field(strict=False)] = ()
     """Drift of each zero, from the start on, in the direction of the load."""
     curve_per_mm: Finite = 0.0
@@ -50,8 +51,8 @@ class Imperfections(Strict):
     damping_ratio: Annotated[float, Field(gt=0, lt=1)] | None = None
     """Damping ratio of all modes. Default: the scene's `beam.damping_ratio`."""
 
-    def departures(self, channels: int) -> Departures:
-        """Return the departures of a surface.
+    def departures(self, channels: int, towards: float = direction_of(MM)) -> Departures:
+        """Return the departures of a surface; its sensors' values change by `towards` times their deflections.
 
         Raises
         ------
@@ -64,7 +65,7 @@ class Imperfections(Strict):
                 raise SceneError(f"{name} has {len(values)} entries for {channels} channels")
         per_channel = {name: values for name, values in given.items() if values and name in PER_CHANNEL}
         if self.offset_mm:  # a larger gap is a smaller deflection
-            per_channel["offset_mm"] = [-value for value in self.offset_mm]
+            per_channel["offset_mm"] = [towards * value for value in self.offset_mm]
         shared = {"fixity": self.fixity, "rigidity": self.rigidity, "curve_per_mm": self.curve_per_mm}
         return Departures.none(channels).model_copy(update=per_channel | shared)
 
@@ -94,7 +95,7 @@ class VirtualSurface:
         rings: bool = True,
     ) -> None:
         self.sensor, self.channels = model.sensor, len(model.layout)
-        departures, length_mm = imperfections.departures(self.channels), scene.length_mm
+        departures, length_mm = imperfections.departures(self.channels, direction_of(scene.unit)), scene.length_mm
         if len(model.axes) > 1:
             raise SceneError("the rig plays beams only, and this model has two axes; use Layout.simulate")
         if not all(0 <= mm <= length_mm for mm in model.layout_mm + np.array(departures.position_offset_mm)):

@@ -7,6 +7,7 @@ from math import hypot
 from typing import Any
 
 from beamtouch_common.digits import digits
+from beamtouch_common.units import fine_unit
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.charts import Chart, Series, Style, draw_row, standalone
 from beamtouch_models.design.printing import Block, Table, Words
@@ -18,12 +19,18 @@ from beamtouch_models.numbers import with_error
 CHANGES: tuple[Varied, ...] = ("sensors", "noise", "latency")
 """Changes whose worth is told in a sentence each."""
 MODEL_HEADINGS = (
-    "changed", "sensors", "estimator", "noise, µm", "readings", "error, mm", "over limit", "inference, µs",
+    "changed", "sensors", "estimator", "noise", "readings", "error, mm", "over limit", "inference, µs",
 )  # fmt: skip
 MOMENT_HEADINGS = ("since touch, ms", "readings", "sudden touch, mm", "gentle touch, mm", "limit, mm")
 POINT_HEADINGS = ("sensors", "estimator", "readings", "known after, ms", "error, mm")
 MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while the beam rings", "the scene as stated"
 ERROR = "mean |position error|, mm"
+
+
+def _small(model: MeasuredModel) -> tuple[str, float]:
+    """Return the unit of its noise for people, and how many of it are one of the scene's."""
+    small, times = fine_unit(model.task.scene.unit)
+    return small.replace("um", "µm"), times
 
 
 def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
@@ -40,9 +47,10 @@ def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
         _command(measured, scene, seed, model) for measured in (own, *(point.model for point in trade.front))
     )
     text = ("estimator",)
+    headings = [f"{name}, {_small(own)[0]}" if name == "noise" else name for name in MODEL_HEADINGS]
     return [
         Words("\n".join(f"- {sentence}" for sentence in sentences(trade))),
-        Table(MODEL_HEADINGS, [_model_row(trade, measured) for measured in trade.models], "models", text),
+        Table(headings, [_model_row(trade, measured) for measured in trade.models], "models", text),
         Words(
             "error: mean position error of a mean of so many readings at rest; over limit: over that of the best "
             "possible estimator, on the same contacts; ±: standard errors; inference: time that a program takes for "
@@ -143,7 +151,7 @@ def _model_row(trade: Trade, model: MeasuredModel) -> tuple[str, ...]:
         "-" if model is trade.own else model.task.varied,
         str(model.sensors),
         model.task.estimator,
-        digits(1e3 * model.reading_mm, 3),
+        digits(fine_unit(model.task.scene.unit)[1] * model.reading_mm, 3),
         str(model.filter.window),
         _mm(model.reached.error_mm),
         _ratio(model.reached.ratio),
@@ -218,11 +226,12 @@ def picture(name: str, trade: Trade) -> str:
         "since a touch, the noise of a reading, and the time of an inference"
     )
     sensors, noises, own = trade.varied("sensors"), trade.varied("noise"), trade.own
-    noises_um = [1e3 * model.reading_mm for model in noises]
+    small, times = _small(own)
+    noises_um = [times * model.reading_mm for model in noises]
     charts = [
         _chart("sensors", [float(model.sensors) for model in sensors], sensors, own, log=False),
         _since_touch(trade),
-        _chart("noise of a reading, µm", noises_um, noises, own, log=True),
+        _chart(f"noise of a reading, {small}", noises_um, noises, own, log=True),
         _inference(trade),
     ]
     return standalone(draw_row(charts, says))

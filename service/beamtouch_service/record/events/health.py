@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from beamtouch_common.units import MM
 from beamtouch_models.runtime import BestSample, ChannelChange, Health, ModelFile
 from beamtouch_service.record.events.best import Best
 from beamtouch_service.record.events.times import latest_us
@@ -107,14 +108,15 @@ class HealthHistory:
         return best.at_us < self._newest_us
 
     def _describe(self) -> SurfaceHealth:
-        channels = zip(self.model.channels, self._health.channels(), strict=False)  # none before the first contact
-        return SurfaceHealth(self.model.identity, {name: _channel_health(change) for name, change in channels})
+        unit, of_channels = self.model.metadata.unit, self._health.channels()
+        channels = zip(self.model.channels, of_channels, strict=False)  # none before the first contact
+        return SurfaceHealth(self.model.identity, {name: _channel_health(change, unit) for name, change in channels})
 
 
-def _channel_health(change: ChannelChange) -> ChannelHealth:
+def _channel_health(change: ChannelChange, unit: str) -> ChannelHealth:
     gain, zero = change.gain, change.zero
     percent = [round(100 * value, _PERCENT_DIGITS) for value in (gain.value, gain.low, gain.high)]
-    mm = [round(value, _MM_DIGITS) for value in (zero.value, zero.low, zero.high)] if zero else [None] * 3
+    mm = [_rounded(value, unit) for value in (zero.value, zero.low, zero.high)] if zero else [None] * 3
     changes = [part for part, one in ((Part.GAIN, gain), (Part.ZERO, zero)) if one and one.changed]
     return ChannelHealth(
         gain_percent=percent[0],
@@ -123,8 +125,14 @@ def _channel_health(change: ChannelChange) -> ChannelHealth:
         zero_mm=mm[0],
         zero_low_mm=mm[1],
         zero_high_mm=mm[2],
+        unit=unit,
         since=rfc3339(change.since_us),
         contacts=change.contacts,
         changed=bool(changes),
         changes=changes,
     )
+
+
+def _rounded(value: float, unit: str) -> float:
+    """Return a zero: to a nanometre if it is in mm, to digits that no sensor has in another unit."""
+    return round(value, _MM_DIGITS) if unit == MM else float(f"{value:.{_MM_DIGITS}g}")

@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 
 from beamtouch_common.digits import digits
 from beamtouch_common.outline import BEAM_AXES
+from beamtouch_common.units import fine_unit
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.evaluation import estimates
 from beamtouch_models.design.accuracy.limit import compare_limits, limits_without, simulated
@@ -217,6 +218,7 @@ def page(facts: Facts) -> str:
     surface, placement = facts.built.layout.surface, facts.built.layout.placement
     ringing = surface.ringing
     metadata, profile = facts.model.metadata, facts.profile
+    small, in_small = fine_unit(metadata.unit)
     drawing, caption = beam_drawing(facts.scene, metadata)
     components = principal_components(surface.influence.matrix(placement.place_mm))
     middle_force_n = sum(facts.scene.contact.force_range_n) / 2
@@ -244,6 +246,10 @@ def page(facts: Facts) -> str:
         smallest_n=extremes(metadata.smallest_force.force_n),
         components=components,
         middle_force_n=middle_force_n,
+        where=_where(facts.scene),
+        fine_unit=small.replace("um", "µm"),
+        in_fine=in_small,
+        of_unit=lambda value: f"{digits(value, 3)} {metadata.unit}",
         css=here.joinpath("style.css").read_text(encoding="utf-8") + STYLE,
         drawing=drawing,
         drawn=caption,
@@ -291,3 +297,12 @@ def _charts(facts: Facts, components_mm: Floats) -> list[tuple[str, Chart, str]]
     ]
     charts.append(("components", Chart(says, x_label, "over the noise", curves), ""))
     return charts
+
+
+def _where(scene: Scene) -> str:
+    """Return the caption of the table of the sensors' places."""
+    if scene.measured is None:
+        return "Where to drill, in mm. Places are those of the middle of a housing."
+    if scene.measured.sensors_mm:
+        return "Where the sensors stand, in mm. Places are those of the middle of a housing."
+    return "Where the sensors are drawn, in mm: not where they stand, which is not stated, but where each shows most."

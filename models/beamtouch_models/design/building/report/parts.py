@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from beamtouch_common.digits import digits
+from beamtouch_common.units import MM, direction_of, fine
 from beamtouch_models.design.physics.motion import damping_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
@@ -71,7 +72,9 @@ class Part:
 def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
     """Return what the surface is made of, and the errors that its sensors may have, as standard deviations."""
     scene, sensor = surface.scene, metadata.sensor
-    moved_mm = metadata.ranges.force_n[1] * np.array(metadata.influence.mm_per_n)
+    moved_mm, unit = metadata.ranges.force_n[1] * np.array(metadata.influence.mm_per_n), metadata.unit
+    extremes_mm = max(moved_mm.max(), 0.0), min(moved_mm.min(), 0.0)
+    ends_mm = [sensor.standoff_mm + direction_of(unit) * float(moved) for moved in extremes_mm]
     return [
         *(_of_beam(scene) if scene.has_beam else _of_measured(scene)),
         Part(
@@ -82,22 +85,21 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
         ),
         Part(
             "linear range",
-            f"{sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm",
-            "gaps between which a sensor measures",
+            f"{sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} {unit}",
+            f"{'gaps' if unit == MM else 'values'} between which a sensor measures",
             _source(stated="range_mm" in scene.sensors.model_fields_set),
         ),
         Part(
-            "gap at rest",
-            f"{digits(sensor.standoff_mm, 3)} mm",
+            "gap at rest" if unit == MM else "value at rest",
+            f"{digits(sensor.standoff_mm, 3)} {unit}",
             f"set it with the beam in place; with {metadata.ranges.force_n[1]:g} N lying on it, sensors see "
-            f"{digits(sensor.standoff_mm - max(moved_mm.max(), 0.0), 3)} to "
-            f"{digits(sensor.standoff_mm - min(moved_mm.min(), 0.0), 3)} mm",
+            f"{digits(min(ends_mm), 3)} to {digits(max(ends_mm), 3)} {unit}",
             "computed" if scene.sensors.standoff_mm is None else "stated",
         ),
         Part(
             "resolution",
             f"{sensor.adc_bits} bits",
-            f"{digits(1e3 * abs(sensor.gain_mm_per_count), 3)} µm a count",
+            f"{typeset(abs(sensor.gain_mm_per_count), unit)} a count",
             _source(stated=scene.sensors.adc_bits is not None),
         ),
         Part(
@@ -106,10 +108,15 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
             "readings of every sensor",
             _source(stated="rate_hz" in scene.sensors.model_fields_set),
         ),
-        *_of_errors(scene, surface.readings),
+        *_of_errors(scene, surface.readings, unit),
         _mounting(surface, metadata),
         _temperature(scene),
     ]
+
+
+def typeset(value: float, unit: str, count: int = 3) -> str:
+    """Return a small value with its unit, typeset."""
+    return fine(value, unit, count).replace(" um", " µm")
 
 
 def _of_beam(scene: Scene) -> Iterator[Part]:
@@ -137,9 +144,9 @@ def _of_measured(scene: Scene) -> Iterator[Part]:
         yield Part("structure", f"{scene.length_mm:g} mm long", told, "stated")
 
 
-def _of_errors(scene: Scene, readings: ReadingErrors) -> Iterator[Part]:
+def _of_errors(scene: Scene, readings: ReadingErrors, unit: str) -> Iterator[Part]:
     sensors, environment = scene.sensors, scene.environment
-    yield Part("noise", f"{digits(1e3 * readings.reading_mm, 3)} µm", "of a reading, at most", "stated")
+    yield Part("noise", typeset(readings.reading_mm, unit), "of a reading, at most", "stated")
     yield Part(
         "gain",
         f"± {digits(100 * readings.gain, 2)} %",
@@ -148,13 +155,13 @@ def _of_errors(scene: Scene, readings: ReadingErrors) -> Iterator[Part]:
     )
     yield Part(
         "zero",
-        f"± {digits(1e3 * readings.drift_mm, 2)} µm",
+        f"± {typeset(readings.drift_mm, unit, 2)}",
         "of each sensor, since the last tare",
         _source(stated=sensors.zero_drift_mm is not None),
     )
     yield Part(
         "drift",
-        f"± {digits(1e3 * readings.drift_mm_per_min, 2)} µm/min",
+        f"± {typeset(readings.drift_mm_per_min, unit, 2)} a minute",
         "of all zeros together, as a hall warms",
         _source(stated=environment.drift_um_per_min is not None),
     )

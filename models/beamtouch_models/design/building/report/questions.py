@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_common.digits import digits
+from beamtouch_common.units import MM, direction_of
 from beamtouch_models.design.accuracy.statistics import Measurement
+from beamtouch_models.design.building.report.parts import typeset
 from beamtouch_models.design.physics.stress import largest_stress_mpa
 from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.scene.materials import MATERIALS
@@ -44,9 +46,12 @@ def overload_of(metadata: Metadata) -> Overload:
     """Return the forces beyond which sensors leave their range and the beam touches one; deflections are linear."""
     influence, sensor = np.array(metadata.influence.mm_per_n), metadata.sensor
     near, far = max(float(influence.max()), 0.0), max(float(-influence.min()), 0.0)
+    if direction_of(metadata.unit) > 0:
+        near, far = far, near
     room_mm = sensor.standoff_mm - sensor.range_mm[0], sensor.range_mm[1] - sensor.standoff_mm
     leaves_n = [room / moved for room, moved in zip(room_mm, (near, far), strict=True) if moved]
-    return Overload(min(leaves_n, default=np.inf), sensor.standoff_mm / near if near else np.inf)
+    touches = metadata.unit == MM and near > 0
+    return Overload(min(leaves_n, default=np.inf), sensor.standoff_mm / near if touches else np.inf)
 
 
 def _states_force(metadata: Metadata) -> bool:
@@ -183,9 +188,10 @@ def _warmth(surface: Surface, metadata: Metadata) -> Iterator[str]:
     if walk is None:
         yield "It is taken not to matter: the zeros of the sensors do not drift."
     else:
+        rate, most = (typeset(size, metadata.unit, 2) for size in (walk.rate_mm_per_min, walk.max_mm))
         yield (
-            f"Zeros that drift by {digits(1e3 * walk.rate_mm_per_min, 2)} µm a minute are followed whenever nothing "
-            f"touches the beam, until they are {digits(1e3 * walk.max_mm, 2)} µm from the last tare; then the note "
+            f"Zeros that drift by {rate} a minute are followed whenever nothing touches the beam, until they are "
+            f"{most} from the last tare; then the note "
             "`zeros` asks for another. Drift in one direction takes at least "
             f"{digits(walk.max_mm / walk.rate_mm_per_min, 2)} minutes to get there."
         )
@@ -238,7 +244,7 @@ def _calibration(metadata: Metadata) -> Iterator[str]:
     )
     yield (
         f"The figures hold if that leaves gains to ± {digits(100 * gain, 2)} % and zeros to ± "
-        f"{digits(1e3 * zero_mm, 2)} µm, as standard deviations."
+        f"{typeset(zero_mm, metadata.unit, 2)}, as standard deviations."
     )
     yield "Calibrate again after a sensor, a support or the beam has been changed; tare after a knock."
 
