@@ -50,7 +50,8 @@ def state_of(view: View) -> dict[str, Any]:
 
 def _channel(channel: ChannelView) -> dict[str, Any]:
     place_mm = {f"{axis}_mm": at_mm for axis, at_mm in channel.place_mm.items()}
-    return {"name": channel.name, **place_mm, "deflection_mm": channel.deflection_mm, "quality": channel.quality}
+    shown = {"deflection_mm": channel.deflection_mm, "quality": channel.quality, "unit": channel.unit}
+    return {"name": channel.name, **place_mm, **shown}
 
 
 class StateStream(StreamingResponse):

@@ -62,6 +62,7 @@ def test_it_says_what_is_and_what_becomes(fresh: Service) -> None:
             "position_mm": 200.0,
             "deflection_mm": None,
             "quality": "missing",
+            "unit": "mm",
         }
 
         service.post(batch_of(sequence=5))
