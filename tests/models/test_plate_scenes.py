@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import Scene, SceneError, change_scene, make_scene, read_scene, resolve
+from beamtouch_models.design.building.mounted import find_mounted
 from beamtouch_models.design.physics.plate import influence
 from beamtouch_models.design.physics.structure import changed
 from beamtouch_models.design.scene import identity_of
@@ -119,6 +120,27 @@ def test_sensors_of_a_plate_on_springs_stand_in_its_corners(design_sensors_rough
     table = design_sensors_roughly("place", scene).stdout
     assert "mm from the lower left corner" in table
     assert "% of the diagonal" in table
+
+
+def test_a_report_of_a_plate_is_refused_before_the_work(design_sensors_here: Command, tmp_path: Path) -> None:
+    model, report = tmp_path / "plate.onnx", tmp_path / "plate.html"
+    done = design_sensors_here("build", SPRINGS, "-o", model, "--report", report)
+    assert done.returncode == 2
+    assert "--report: the page knows beams only; leave it out" in done.stderr
+    assert not model.exists()
+
+
+def test_sensors_of_a_plate_that_are_mounted_stay(tmp_path: Path) -> None:
+    places, config = [(20, 20), (380, 20), (200, 280)], tmp_path / "daemon.toml"
+    channels = "".join(f"[[surfaces.plate.channels]]\nx_mm = {x}\ny_mm = {y}\n" for x, y in places)
+    config.write_text(channels)
+    mounted = find_mounted("plate", tmp_path / "plate.onnx", config)
+    assert mounted is not None
+    assert list(mounted.positions_mm) == places
+    assert mounted.fits(on_springs(sensors={"count": 3}))
+    assert not mounted.fits(on_springs())  # four are wanted
+    assert not mounted.fits(on_springs(plate={"length_y_mm": 250}, contact={"y_mm": [10, 240]}, sensors={"count": 3}))
+    assert mounted.moves_to(((20, 20), (380, 20), (210, 280))).endswith("(200, 280) -> (210, 280) mm")
 
 
 def test_sensors_keep_the_rules_by_distance() -> None:

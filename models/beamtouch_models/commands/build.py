@@ -30,6 +30,7 @@ from beamtouch_models.design.scene import Scene, format_scene, load_scene, parse
 from beamtouch_models.design.surface import Surface, resolve
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.errors import ModelFileError, SceneError
+from beamtouch_models.places import Place
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.description import unseen
 from beamtouch_models.runtime.metadata import LayoutErrors
@@ -43,7 +44,7 @@ class _Asked:
     text: str
     name: str
     aim: Aim
-    kept_mm: tuple[float, ...]
+    kept_mm: tuple[Place, ...]
     """Positions of sensors that are mounted already; none: the sensors are placed."""
     mounted: Mounted | None
     """The sensors of the files that are replaced."""
@@ -52,6 +53,10 @@ class _Asked:
 def run(options: argparse.Namespace) -> Result:
     """Build, write the requested files, and return the metadata of the model."""
     asked = _read(options)
+    if options.report and asked.scene.plate is not None:
+        raise SceneError(
+            "--report: the page knows beams only; leave it out, and let `place` and `inspect` say the rest"
+        )
     config: Path | None = options.daemon_config
     # A rebuilt model may replace the old one.
     source: Path = options.loads or options.scene

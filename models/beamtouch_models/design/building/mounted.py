@@ -8,6 +8,7 @@ from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
 from beamtouch_models.design.building.stored import positions_in, stored_in_file
 from beamtouch_models.design.scene import Scene, change_scene
+from beamtouch_models.design.scene.plausible_plate import AXES, xy_of
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.places import Place, in_words
 
@@ -18,16 +19,18 @@ class Mounted:
 
     file: Path
     """The model file, or the daemon's configuration, that has their places."""
-    positions_mm: tuple[float, ...]
+    positions_mm: tuple[Place, ...]
     """Their places from the left end, in the order of the channels."""
 
     def fits(self, scene: Scene) -> bool:
         """Return whether these places can be those of a scene."""
         few, many = scene.count_range
-        if not few <= len(self.positions_mm) <= many or not set(scene.sensors.fixed_mm) <= set(self.positions_mm):
+        fixed: set[Place] = {*scene.sensors.fixed_mm, *map(xy_of, scene.sensors.fixed)}
+        if not few <= len(self.positions_mm) <= many or not fixed <= set(self.positions_mm):
             return False
+        places = [dict(zip(AXES, place, strict=True)) for place in self.positions_mm if isinstance(place, tuple)]
         try:
-            change_scene(scene, sensors={"fixed_mm": list(self.positions_mm)})
+            change_scene(scene, sensors={"fixed": places} if places else {"fixed_mm": list(self.positions_mm)})
         except InputError:
             return False
         return True
@@ -55,16 +58,18 @@ def find_mounted(name: str, model: Path, config: Path | None) -> Mounted | None:
     return Mounted(model, places) if (places := _positions_in_model(model)) else None
 
 
-def _positions_in_model(path: Path) -> tuple[float, ...]:
+def _positions_in_model(path: Path) -> tuple[Place, ...]:
     try:
         return positions_in(stored_in_file(path))
     except ModelFileError:
         return ()
 
 
-def _positions_in_config(path: Path, name: str) -> tuple[float, ...]:
+def _positions_in_config(path: Path, name: str) -> tuple[Place, ...]:
     try:
         surface = tomllib.loads(decode(path.read_bytes()))["surfaces"][name]
+        if all("x_mm" in channel for channel in surface["channels"]):
+            return tuple((float(channel["x_mm"]), float(channel["y_mm"])) for channel in surface["channels"])
         return tuple(float(channel["position_mm"]) for channel in surface["channels"])
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return ()

@@ -11,6 +11,7 @@ from google.protobuf.message import DecodeError
 
 from beamtouch_common.names import NAME
 from beamtouch_models.errors import ModelFileError
+from beamtouch_models.places import Place
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.metadata import METADATA_PREFIX
 
@@ -47,9 +48,14 @@ def scene_in(stored: Mapping[str, Any]) -> tuple[str, str]:
     return text, name
 
 
-def positions_in(stored: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return the positions of the sensors (channels,) in what a model file states [mm]; raises ModelFileError."""
+def positions_in(stored: Mapping[str, Any]) -> tuple[Place, ...]:
+    """Return the places of the sensors (channels,) in what a model file states [mm]; raises ModelFileError."""
     try:
-        return tuple(float(channel["position_mm"]) for channel in stored["layout"])
+        return tuple(_place_in(channel) for channel in stored["layout"])
     except (KeyError, TypeError, ValueError, OverflowError):
         raise ModelFileError("its layout has no positions") from None
+
+
+def _place_in(channel: Mapping[str, Any]) -> Place:
+    along, across = float(channel["position_mm"]), channel.get("across_mm")
+    return along if across is None else (along, float(across))
