@@ -22,6 +22,7 @@ from typing import TextIO
 import coverage
 
 MODULES = (
+    "coverage",  # of this module, which each of the processes imports
     *("aiohttp", "cobs.cobs", "pymodbus.client", "serial", "sqlite3"),
     *("fastapi", "httptools", "sqlalchemy.dialects.postgresql", "sqlalchemy.dialects.sqlite"),
     *("uvicorn.protocols.http.httptools_impl", "pydantic.v1", "statistics", "tomllib"),
