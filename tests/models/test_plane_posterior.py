@@ -1,6 +1,9 @@
 """The graph of two axes beside exact posteriors: where it places contacts, what it holds, how sure it says it is."""
 
+import subprocess
+import sys
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +18,7 @@ from beamtouch_models.places import grid_of
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.session import Answers, runner, stated_mm
 from models.test_two_axes import CORNERS_MM, SIZE_MM, SPRING_N_PER_MM, influence_of, sunk_mm
+from support.surfaces.small_model import PLATE_OUTPUTS, write_model
 
 AXES = ("x", "y")
 DRAWS, EXACT = 250, 80
@@ -164,3 +168,24 @@ def test_a_plate_is_built_into_a_model_that_answers_by_axis() -> None:
     assert "400 by 300 mm" in model.summary()
     with pytest.raises(SceneError, match="knows one axis only"):
         layout.build(estimator="small-network")
+
+
+@pytest.mark.parametrize(
+    ("command", "knows"),
+    [
+        (["challenge", "plate.onnx"], "challenge knows models of one axis only"),
+        (["calibrate", "plate.onnx", "loads.csv", "-o", "fitted.onnx"], "calibrate knows models of one axis only"),
+    ],
+)
+def test_what_knows_one_axis_refuses_a_plate_in_one_line(tmp_path: Path, command: list[str], knows: str) -> None:
+    write_model(tmp_path, "plate", outputs=PLATE_OUTPUTS)
+    (tmp_path / "loads.csv").write_text("load,x_mm,y_mm,force_n\n1,100,80,5\n", encoding="ascii")
+    done = subprocess.run(
+        [sys.executable, "-m", "beamtouch_models.cli", *command],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == f"design-sensors: plate.onnx: its axes are x and y, and {knows}\n"

@@ -14,7 +14,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.files import require_writable, write_atomically
 from beamtouch_common.units import MM
 from beamtouch_models.arrays import Floats
-from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.commands.shared import require_one_axis, shown_progress
 from beamtouch_models.design.building.replaced import require_model
 from beamtouch_models.design.calibration.calibrate import Calibrated, CheckedFit, calibrate
 from beamtouch_models.design.calibration.choice import has_one_scale
@@ -51,6 +51,7 @@ TELL_APART = (
 def run(options: argparse.Namespace) -> Result:
     """Calibrate and write the model; the result is the departures with the errors or misfits before and after."""
     model = loading.load(options.model)
+    require_one_axis(model.metadata.axes, options.model, "calibrate")
     require_writable([options.output], [options.readings, options.events])
     require_model(options.output)
     fit_to = _calibrate_with_loads if options.events is None else _calibrate_with_contacts

@@ -7,7 +7,7 @@ from typing import Any
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models.commands.shared import shown_progress
+from beamtouch_models.commands.shared import require_one_axis, shown_progress
 from beamtouch_models.commands.workers import spread_over
 from beamtouch_models.design.printing import Result, Table, Words
 from beamtouch_models.lab.challenge.challenge import challenge, misses
@@ -21,6 +21,7 @@ def run(options: argparse.Namespace) -> Result:
     """Challenge the model and return the rows of both groups."""
     content = loading.read(options.model)
     model = loading.load_bytes(content, str(options.model))
+    require_one_axis(model.metadata.axes, options.model, "challenge")
     lacking = ", ".join(name for name in NEEDED if name not in model.outputs)
     if lacking:
         raise InputError(f"{options.model}: its graph does not give {lacking}; build it with another --estimator")

@@ -75,6 +75,8 @@ def _table(model: ModelFile, found: Evaluation) -> Table:
 
 def _lines(found: Evaluation) -> Iterator[tuple[str, str, str]]:
     """Yield results other than position errors as label, value and remark, without those that the model lacks."""
+    for axis, share in (found.axis_coverage or {}).items():
+        yield f"{axis} held", _text(share, 100.0), "% of contacts lie in their interval along this axis"
     for label, value, remark, scale in (
         (
             "position held",

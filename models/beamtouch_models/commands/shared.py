@@ -1,6 +1,6 @@
 """Parts of several commands: the output folder, the name of the surface, and progress."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,3 +34,9 @@ def shown_progress() -> Iterator[Progress]:
     with Display(*columns, console=console, transient=True, disable=not console.is_terminal) as display:
         task = display.add_task("", total=1.0)
         yield lambda doing, done: display.update(task, description=doing, completed=done)
+
+
+def require_one_axis(axes: Sequence[str], origin: object, command: str) -> None:
+    """Raise InputError, which begins with `origin`, if a model has more axes than the command knows."""
+    if len(axes) > 1:
+        raise InputError(f"{origin}: its axes are {' and '.join(axes)}, and {command} knows models of one axis only")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -250,7 +250,7 @@ def influence_of(scene: Scene, plate: Plate) -> InfluenceFunction:
         plate.size_mm,
         load_places_mm(scene, plate),
         scene.contact.force_range_n,
-        lambda sensor_mm, load_mm: influence(plate, sensor_mm, load_mm, width_mm),
+        partial(influence, plate, width_mm=width_mm),
         supported_plate(plate).unit_mm_per_n,
     )
 

@@ -47,6 +47,8 @@ def run(options: argparse.Namespace) -> int:
     require_writable([options.truth], inputs)
     scene, _ = load_scene(options.scene)
     model, module = loading.load(options.model), _module_of(options)
+    if len(model.metadata.axes) > 1:
+        raise SceneError(f"{options.model}: its axes are x and y, and the rig plays structures of one axis only")
     length_mm, names = scene.length_mm, [channel.name for channel in model.metadata.layout]
     # The rig passes replies on itself, and can delay them or leave them out, but for a board and a real port.
     on_a_port = options.modbus_rtu is not None and options.modbus_rtu.is_char_device()

@@ -96,8 +96,6 @@ class VirtualSurface:
     ) -> None:
         self.sensor, self.channels = model.sensor, len(model.layout)
         departures, length_mm = imperfections.departures(self.channels, direction_of(scene.unit)), scene.length_mm
-        if len(model.axes) > 1:
-            raise SceneError("the rig plays beams only, and this model has two axes; use Layout.simulate")
         if not all(0 <= mm <= length_mm for mm in model.layout_mm + np.array(departures.position_offset_mm)):
             raise SceneError("position_offset_mm moves a sensor off the beam")
         if scene.measured is not None and any(departures.position_offset_mm):
