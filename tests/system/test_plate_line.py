@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,9 @@ pytestmark = pytest.mark.long
 
 RIM_MM, FORCE_N = 10.0, (2.0, 20.0)
 EFFORT = 0.05
+PATIENCE_S = 10.0
+REFUSED = 0.02
+"""Largest share of the contacts that may stay without an answer, or with a doubt, for longer than that."""
 PLATE = {"length_x_mm": 400, "length_y_mm": 300, "thickness_mm": 3, "material": "steel"}
 FARTHEST = 2.5
 """Half-widths of an interval beyond which a place is wrong in silence: five deviations, one contact in a million."""
@@ -94,6 +98,13 @@ class PlateLine(ForkedLine):
         found: dict[str, Any] = httpx2.get(f"{self.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S).json()
         return found
 
+    def settled(self) -> dict[str, Any]:
+        """Return the contact once its load rests, or what there is after some seconds."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not _is_settled(found := self.contact()) and time.monotonic() < end_s:
+            time.sleep(0.02)  # the pace of a client
+        return found
+
 
 @pytest.fixture(scope="module")
 def plate_model(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Plate]:
@@ -123,7 +134,7 @@ def test_no_contact_on_a_plate_is_wrong_in_silence(
         "modbus_server": {"port": modbus},
     }
     PlateLine.device = device
-    off_mm, held, farthest = [], [], []
+    off_mm, held, farthest, refused = [], [], [], []
     with (
         device.serving(),
         PlateLine(tmp_path, path, path, tmp_path / "built.toml", [Surface("plate", "modbus-tcp")], sections) as line,
@@ -133,9 +144,10 @@ def test_no_contact_on_a_plate_is_wrong_in_silence(
             wait_until(lambda: line.contact().get("state") == "clear", pause_s=0.02)
             place_mm, force_n = rng.uniform(RIM_MM, np.array(plate.size_mm) - RIM_MM), rng.uniform(*FORCE_N)
             device.put(place_mm, force_n)
-            wait_until(lambda: _is_settled(line.contact()), pause_s=0.02)
-            found = line.contact()
-            assert found["state"] == "contact", found
+            found = line.settled()
+            if not _is_settled(found):
+                refused.append(found)
+                continue
             ends = np.array([[found[f"{axis}{end}_mm"] for end in ("", "_low", "_high")] for axis in ("x", "y")])
             middle, low, high = ends.T
             off_mm.append(float(np.hypot(*(middle - place_mm))))
@@ -143,15 +155,21 @@ def test_no_contact_on_a_plate_is_wrong_in_silence(
             farthest.append(float((np.abs(middle - place_mm) / ((high - low) / 2)).max()))
             if found["zones"]["left"] != "unsure":
                 assert (found["zones"]["left"] == "inside") == (place_mm[0] <= 200), (found, place_mm)
-        with socket.create_connection(("127.0.0.1", modbus)) as connection:
-            words = ask(connection, 0, 60)
-        read_mm = np.array([number(words[at : at + 2], ">f") for at in (8, 50)], np.float64)
-        assert np.clip(read_mm, low, high).tolist() == read_mm.tolist()
+        device.put(np.array([300.0, 100.0]), 10.0)
+        wait_until(lambda: _registers_mm(modbus) == pytest.approx([300.0, 100.0], abs=10.0), pause_s=0.02)
+    assert len(refused) <= REFUSED * contacts, refused
     assert max(farthest) < FARTHEST
     assert np.mean(off_mm) < 1.5 * model.metadata.accuracy.error_percent * np.hypot(*plate.size_mm) / 100
     # Of 95 %, what chance leaves below it once in ten thousand times.
     shares = np.mean(held, axis=0)
     assert (shares > 0.95 - 3.7 * np.sqrt(0.95 * 0.05 / contacts)).all(), shares
+
+
+def _registers_mm(port: int) -> list[float | None]:
+    """Return the place in the registers."""
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        words = ask(connection, 0, 60)
+    return [number(words[at : at + 2], ">f") for at in (8, 50)]
 
 
 def _is_settled(found: dict[str, Any]) -> bool:
