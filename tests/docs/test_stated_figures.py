@@ -31,8 +31,9 @@ from beamtouch_models.lab.reproduction.figures import EXPECTED_ITERATIONS, EXPEC
 from beamtouch_models.lab.reproduction.paper import NOISE_PERCENT, SOURCE, TITLE
 from beamtouch_models.lab.rig.loads import default_script
 from beamtouch_models.runtime import State
-from beamtouch_models.runtime.decision import decider, evidence, wrong_channels
+from beamtouch_models.runtime.decision import decider, wrong_channels
 from beamtouch_models.runtime.health import changes
+from beamtouch_models.runtime.metadata import fewest_that_check
 from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.errors import MAX_ERRORS
@@ -250,12 +251,13 @@ STATED = {
         f"{share(BEGIN):.1f} % to begin an answer and {share(HOLD):.0f} % to keep it",
     ],
     "docs/explanation/what-it-can-know.md": [
-        f"`check-NAME` needs {WORDS[evidence.CHECKED + 1]} working channels",
+        f"`check-NAME` needs {WORDS[fewest_that_check(1) + 1]} working channels",
         f"allow {OFTEN[thresholds.PER_DAY]} of rest, and {OFTEN[thresholds.PER_DAY_OF_CONTACT]} of good contacts",
     ],
     "docs/reference/contact.md": [
-        f"`check-NAME` needs {WORDS[evidence.CHECKED + 1]} working channels: without the named one, "
-        f"{WORDS[evidence.CHECKED]} must be left",
+        f"`check-NAME` needs {WORDS[fewest_that_check(1) + 1]} working channels: without the named one, "
+        f"{WORDS[fewest_that_check(1)]} must be left",
+        f"On a plate it needs {WORDS[fewest_that_check(2) + 1]}",
         f"may be seen {WORDS[decider.PERSISTENCE - 1]} samples late",
         f"because they are so uncertain, take {WORDS[decider.PERSISTENCE]} in a row",
         f"**`unexplained` begins** after {WORDS[decider.PERSISTENCE]} samples in a row",

@@ -211,7 +211,7 @@ def test_two_channels_take_two_contacts_for_one_but_not_a_pull(world: World) -> 
     def states(deflection: Floats) -> list[State]:
         decider = Hypotheses(world.metadata.thresholds, [AT_REST])
         (said,) = evidence(world.metadata, world.run, world.sample(deflection, valid=valid))
-        assert is_unchecked(said)
+        assert is_unchecked(world.metadata, said)
         return [decider.step(said).state for _ in range(5)]
 
     assert states(world.load((100, 8), (300, 8))) == [State.CONTACT] * 5

@@ -8,7 +8,7 @@ import pytest
 from beamtouch_models.runtime import Evidence, ModelFile, Weighed, evidence, is_unchecked
 from beamtouch_models.runtime.decision.evidence import is_overload
 from beamtouch_models.runtime.metadata import Calibration, Departures
-from support.surfaces.small_model import model_of
+from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
 NOISE_MM2 = 1e-4
 """Variance of the noise that the small model was made for."""
@@ -140,8 +140,17 @@ def test_a_force_is_beyond_the_range_if_two_half_widths_of_it_are(small: ModelFi
     assert not is_beyond(force_low_n=24.0)
 
 
-def test_a_contact_is_checked_by_three_channels() -> None:
+@pytest.mark.promise(
+    "docs/reference/contact.md",
+    "On a plate, three are as few: they fit any two loads.",
+)
+def test_a_contact_is_checked_by_three_channels_on_a_plate_by_four() -> None:
     weights = np.eye(3)
     one = Evidence(np.zeros(3), weights, {}, 3, 0.0, False, 0.0, weights, True)
-    assert [is_unchecked(one._replace(channels=channels)) for channels in (1, 2, 3, 4)] == [True, True, False, False]
+    beam, plate = model_of().metadata, model_of(outputs=PLATE_OUTPUTS, channels=4).metadata
+    few = {
+        name: [is_unchecked(metadata, one._replace(channels=channels)) for channels in (1, 2, 3, 4)]
+        for name, metadata in (("beam", beam), ("plate", plate))
+    }
+    assert few == {"beam": [True, True, False, False], "plate": [True, True, True, False]}
     assert one.misfit == 0.0  # of a model that does not state it

@@ -25,23 +25,23 @@ from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from service.bench import START_US, Bench, Row, parsed, surface_of, surface_with
 from service.contact_registers import number
-from service.event_story import RESTING
 from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
 NOW_S = 1000.0
-TOUCHING: Row = [0.5, 0.25, 0.125]
-HARDER: Row = [0.5, 0.75, 0.5]
+RESTING: Row = [0.0] * 4
+TOUCHING: Row = [0.5, 0.25, 0.125, 0.0]
+HARDER: Row = [0.5, 0.75, 0.5, 0.0]
 PLACE = {"x_mm": 150.0, "x_low_mm": 149.0, "x_high_mm": 151.0, "y_mm": 75.0, "y_low_mm": 74.0, "y_high_mm": 76.0}
 NAMES = list(PLACE)
-SENSORS = [("s1", 100, 50), ("s2", 200, 150), ("s3", 300, 250)]
+SENSORS = [("s1", 100, 50), ("s2", 200, 150), ("s3", 300, 250), ("s4", 400, 50)]
 OF_EVENT = {
     *("mean_x_mm", "mean_x_low_mm", "mean_x_high_mm", "min_x_mm", "max_x_mm", "peak_x_mm"),
     *("mean_y_mm", "mean_y_low_mm", "mean_y_high_mm", "min_y_mm", "max_y_mm", "peak_y_mm"),
 }
 
 
-def plate(section: SurfaceSection | None = None) -> Surface:
-    return surface_of(section=section, outputs=PLATE_OUTPUTS)
+def plate(section: SurfaceSection | None = None, name: str = "press-7") -> Surface:
+    return surface_of(name, section, outputs=PLATE_OUTPUTS, channels=4)
 
 
 def places_of(members: dict[str, Any]) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def test_contact_stream_and_problem() -> None:
     assert [(one["name"], one["x_mm"], one["y_mm"]) for one in state["channels"]] == SENSORS
     described = bench.get("/surfaces/press-7/model").json()
     assert list(zip(described["channels"], described["positions_mm"], described["across_mm"], strict=True)) == SENSORS
-    bench.send([0.5, 1.75, 1.75], sequence=3)
+    bench.send([0.5, 1.75, 1.75, 0.0], sequence=3)
     assert bench.problem() == "unusable-estimate"
     assert "x_mm is 625, off a plate of 400 by 300 mm" in bench.get("/contact").json()["detail"]
 
@@ -157,7 +157,7 @@ def test_rectangles_at_every_door_also_after_a_restart(tmp_path: Path, is_lastin
 
 
 def test_a_list_of_events_on_beams_and_plates_has_the_columns_of_both() -> None:
-    bench = Bench(plate(), surface_of("press-8"))
+    bench = Bench(plate(), surface_of("press-8", channels=4))
     for name in ("press-7", "press-8"):
         bench.send(RESTING, TOUCHING, RESTING, surface=name)
     rows = {row["surface"]: row for row in csv.DictReader(io.StringIO(bench.get("/events?format=csv").text))}
@@ -167,9 +167,25 @@ def test_a_list_of_events_on_beams_and_plates_has_the_columns_of_both() -> None:
 
 def test_an_unexplained_stretch_on_a_plate_has_empty_places() -> None:
     bench = Bench(plate())
-    bench.send(RESTING, *[[0.5, 0.0, 0.5]] * 4, RESTING)
+    bench.send(RESTING, *[[0.5, 0.0, 0.5, 0.0]] * 4, RESTING)
     (event,) = bench.get("/events?kind=unexplained").json()["events"]
     assert places_of(event) == dict.fromkeys(OF_EVENT)
+
+
+@pytest.mark.promise("docs/how-to/zones.md", "On a surface of two sensors, and on a plate of three")
+def test_three_sensors_of_a_plate_check_no_contact_and_four_name_no_channel() -> None:
+    bench = Bench(surface_of(section=RECTANGLES, outputs=PLATE_OUTPUTS), plate(RECTANGLES, "press-8"))
+    bench.send(RESTING[:3], *[TOUCHING[:3]] * 3)
+    bench.send(RESTING, *[TOUCHING] * 3, surface="press-8")
+    few, enough = (bench.get(f"/surfaces/{name}/contact").json() for name in ("press-7", "press-8"))
+    assert (few["notes"], few["zones"]) == (["unchecked"], dict.fromkeys(RECTANGLES.zones))
+    assert (enough["notes"], enough["zones"]["near"]) == ([], "inside")
+    # Without one of four channels, any contact fits: none of them is named.
+    bench.send(*[[0.5, 0.0, 0.5, 0.0]] * 60, RESTING, sequence=5, surface="press-8", begin_us=1_795_218_046_143_456)
+    (event,) = bench.get("/events?path=true&kind=contact&surface=press-8").json()["events"]
+    assert event["unexplained_ms"] > 0
+    for sample in event["capture"]:
+        assert [one["misfit_without"] for one in sample["channels"]] == [None] * 4
 
 
 def test_a_zone_of_a_beam_is_refused_in_one_line(tmp_path: Path) -> None:

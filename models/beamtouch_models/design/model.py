@@ -28,9 +28,9 @@ from beamtouch_models.numbers import array_of, numbers, whole
 from beamtouch_models.places import in_rows, in_words
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.decision.decider import State, state_of
-from beamtouch_models.runtime.decision.evidence import CHECKED, LOG_ODDS, Weighed, evidence
+from beamtouch_models.runtime.decision.evidence import LOG_ODDS, Weighed, evidence
 from beamtouch_models.runtime.loading import MAX_RATIO, ModelFile
-from beamtouch_models.runtime.metadata import FORCE_OUTPUTS
+from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, fewest_that_check
 
 PLACES = {axis: names_of(axis, "mm") for axis in (*BEAM_AXES, *PLATE_AXES)}
 FIGURES = (*(name for names in PLACES.values() for name in names), *FORCE_OUTPUTS)
@@ -70,7 +70,7 @@ class Estimates(dict[str, NDArray[Any]]):
         if "force_n" in figures:
             told += f" with {_with_interval(figures, 'force', 'n')}"
         few = f"; {self['channels'][row]} channels hardly tell it from other loads"
-        return told + (few if self["channels"][row] < CHECKED else "")
+        return told + (few if self["channels"][row] < fewest_that_check(len(places)) else "")
 
 
 def _with_interval(figures: dict[str, float], name: str, unit: str) -> str:

@@ -51,6 +51,15 @@ def _is_none(value: object) -> bool:
     return value is None
 
 
+def fewest_that_check(axes: int) -> int:
+    """Return the smallest number of channels that check a contact on a structure of so many axes.
+
+    As many channels as a contact has coordinates, and one more, fit one of an open force to any sample but a pull and
+    the like: two on a beam, three on a plate. A known force is little to check these by.
+    """
+    return axes + 2
+
+
 class MetadataPart(BaseModel):
     """A part of the metadata. It is immutable, and unknown fields are refused."""
 

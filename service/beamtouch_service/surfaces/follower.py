@@ -112,7 +112,7 @@ class Decision(NamedTuple):
         each = {
             Note.UNSTEADY: self.is_unsteady,
             Note.OVERLOAD: is_contact and is_overload(model.metadata, self.evidence),
-            Note.UNCHECKED: is_contact and is_unchecked(self.evidence),
+            Note.UNCHECKED: is_contact and is_unchecked(model.metadata, self.evidence),
             Note.ZEROS: self.shift_mm is not None,
             f"check-{self.suspect}": self.suspect is not None,
         }

@@ -9,10 +9,10 @@ from service.process.conftest import Service, StartService
 from support.pages.browser import OpenPage, Watched
 from support.surfaces.small_model import PLATE_OUTPUTS
 
-RESTING: Row = [0.0, 0.0, 0.0]
-TOUCHING: Row = [0.5, 0.25, 0.125]
+RESTING: Row = [0.0] * 4
+TOUCHING: Row = [0.5, 0.25, 0.125, 0.0]
 """At x = 150 and y = 75 mm, 8.75 N, with a correlation of 0.4375; both intervals are 2 mm wide."""
-HARDER: Row = [0.5, 0.75, 0.5]
+HARDER: Row = [0.5, 0.75, 0.5, 0.0]
 """At x = 275 and y = 137.5 mm."""
 ZONES = """
 [surfaces.press-7.zones.near]
@@ -73,7 +73,7 @@ def near(*places: tuple[float, float]) -> list[Any]:
 def test_a_plate_is_drawn_from_above_to_scale(
     start_press: StartService, build_model: BuildModel, open_page: OpenPage, name: str, size: tuple[int, int]
 ) -> None:
-    service = start_press(model=build_model(outputs=PLATE_OUTPUTS), sections=ZONES)
+    service = start_press(model=build_model(outputs=PLATE_OUTPUTS, channels=4), sections=ZONES)
     send(service, RESTING, *[TOUCHING] * 3, *[HARDER] * 5, RESTING, RESTING, *[TOUCHING] * 5, sequence=1)
     seen = open_page(service.url, size=size)
     seen.watch()
@@ -83,7 +83,7 @@ def test_a_plate_is_drawn_from_above_to_scale(
     assert (seen.text("position-interval"), seen.text("force")) == ("149.0 … 151.0 (95 %)", "8.8")
     seen.wait_for_text("status", "Contact at 150, 75 mm")
     assert place_of(seen, "circle.tip") == near((150, 75))
-    assert place_of(seen, "rect.sensor") == near((100, 50), (200, 150), (300, 250))
+    assert place_of(seen, "rect.sensor") == near((100, 50), (200, 150), (300, 250), (400, 50))
     assert place_of(seen, "rect.zone") == near((200, 80), (330, 215))
     assert place_of(seen, "circle.support.spring") == near((0, 0))
     assert place_of(seen, "path.support.line") == near((200, 290))
@@ -107,7 +107,7 @@ def test_without_a_correlation_the_intervals_make_a_box(
     start_press: StartService, build_model: BuildModel, open_page: OpenPage
 ) -> None:
     outputs = tuple(one for one in PLATE_OUTPUTS if one != "place_correlation")
-    service = start_press(model=build_model(outputs=outputs))
+    service = start_press(model=build_model(outputs=outputs, channels=4))
     send(service, *[TOUCHING] * 5, sequence=1)
     seen = open_page(service.url)
     seen.wait_for_state("contact")
@@ -119,7 +119,7 @@ def test_without_a_correlation_the_intervals_make_a_box(
 def test_the_plate_shows_where_to_press(
     start_press: StartService, build_model: BuildModel, open_page: OpenPage
 ) -> None:
-    service = start_press(model=build_model(outputs=PLATE_OUTPUTS))
+    service = start_press(model=build_model(outputs=PLATE_OUTPUTS, channels=4))
     send(service, *[RESTING] * 300, sequence=1)
     seen = open_page(service.url, size=(390, 844))
     seen.wait_for_state("clear")

@@ -9,15 +9,15 @@ from asyncua import ua
 
 from service.bench import BuildModel, Row
 from service.contact_registers import number
-from service.event_story import RESTING
 from service.process.modbus_service import ask
 from service.process.mqtt_line import CONTACT, EVENT, Line, now_batch, wait_for
 from service.process.opcua_client import Changes, connected, read
 from support.network.free_ports import free_port
 from support.surfaces.small_model import PLATE_OUTPUTS
 
-TOUCHING: Row = [0.5, 0.25, 0.125]
-HARDER: Row = [0.5, 0.75, 0.5]
+RESTING: Row = [0.0] * 4
+TOUCHING: Row = [0.5, 0.25, 0.125, 0.0]
+HARDER: Row = [0.5, 0.75, 0.5, 0.0]
 PLACE = {"x_mm": 150.0, "x_low_mm": 149.0, "x_high_mm": 151.0, "y_mm": 75.0, "y_low_mm": 74.0, "y_high_mm": 76.0}
 NAMES = [*PLACE, "place_correlation"]
 SECTIONS = """
@@ -32,7 +32,7 @@ port = {opcua}
 
 
 def test_all_outputs_say_the_same_of_a_contact_and_its_event(line: Line, build_model: BuildModel) -> None:
-    build_model(outputs=PLATE_OUTPUTS)
+    build_model(outputs=PLATE_OUTPUTS, channels=4)
     subscriber = line.broker.subscribe("-t", "#")
     modbus, opcua = free_port(), free_port()
     service = line.start("home_assistant_discovery = true", sections=SECTIONS.format(modbus=modbus, opcua=opcua))

@@ -78,7 +78,7 @@ def judge(
         judged.outcome[place], judged.unsteady[place] = Outcome[verdict.state.name], verdict.unsteady
         if verdict.state is State.CONTACT:
             answer = of_sample.answer
-            judged.other_note[place] = is_overload(metadata, of_sample) or is_unchecked(of_sample)
+            judged.other_note[place] = is_overload(metadata, of_sample) or is_unchecked(metadata, of_sample)
             judged.position_mm[place] = answer["position_mm"]
             judged.low_mm[place], judged.high_mm[place] = answer["position_low_mm"], answer["position_high_mm"]
     return judged

@@ -9,15 +9,12 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.runtime.error_model import whitening
-from beamtouch_models.runtime.metadata import Metadata, Thresholds
+from beamtouch_models.runtime.metadata import Metadata, Thresholds, fewest_that_check
 from beamtouch_models.runtime.session import Run
 
 MOVING = 1.5
 """A sample moves if its variance, summed over the channels, exceeds this many times that of its noise, or of the noise
 that the model was made for if that is larger. A smaller lag of a long mean is in its covariance, and is no motion."""
-CHECKED = 3
-"""Smallest number of channels that check a contact: two fit one of an open force to any sample but a pull and the like,
-and a known force is little to check two by."""
 SETTLED = 1.6
 """Largest variance of the noise of a settled sample, over that which the model was made for: one reading may lack."""
 LOG_ODDS, MISFIT = "contact_log_odds", "misfit"
@@ -230,6 +227,6 @@ def is_overload(metadata: Metadata, evidence: Evidence) -> bool:
     return force_n - SURELY * (force_n - low_n) > metadata.ranges.force_n[1]
 
 
-def is_unchecked(evidence: Evidence) -> bool:
+def is_unchecked(metadata: Metadata, evidence: Evidence) -> bool:
     """Return whether so few channels took part that much else looks like a contact."""
-    return evidence.channels < CHECKED
+    return evidence.channels < fewest_that_check(len(metadata.axes))

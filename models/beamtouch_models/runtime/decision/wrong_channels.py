@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.runtime.decision.evidence import CHECKED, Weighed, evidence, is_odd
-from beamtouch_models.runtime.metadata import Metadata
+from beamtouch_models.runtime.decision.evidence import Weighed, evidence, is_odd
+from beamtouch_models.runtime.metadata import Metadata, fewest_that_check
 from beamtouch_models.runtime.session import Run
 
 SAMPLES = 40
@@ -64,7 +64,8 @@ class Suspects:
         """
         coarse, names = self._coarse(samples), [channel.name for channel in self._metadata.layout]
         left_out = list[dict[str, LeftOut]]({} for _ in samples.valid)
-        checked = samples.valid & (samples.valid.sum(axis=1, keepdims=True) > CHECKED)
+        fewest = fewest_that_check(len(self._metadata.axes))
+        checked = samples.valid & (samples.valid.sum(axis=1, keepdims=True) > fewest)
         rows, channels = np.nonzero(checked)
         for begin in range(0, len(rows), ROWS):
             row, channel = rows[begin : begin + ROWS], channels[begin : begin + ROWS]
@@ -112,7 +113,7 @@ class WiringFault(NamedTuple):
     @property
     def is_reversed(self) -> bool:
         """True if all channels are in reverse order."""
-        return len(self.order) > CHECKED and self.order == list(range(len(self.order)))[::-1]
+        return len(self.order) > 3 and self.order == list(range(len(self.order)))[::-1]
 
     def corrected(self, sample: Weighed) -> Weighed:
         """Return samples (samples, channels) as they would be with the right wiring."""
@@ -139,7 +140,7 @@ def wiring_faults(names: list[str]) -> list[WiringFault]:
         signs = right.copy()
         signs[index] = -1.0
         candidates.append(WiringFault(asis, signs, f"{names[index]} seems to be inverted"))
-    if len(names) > CHECKED:  # the reverse order of fewer channels is the swap of two
+    if len(names) > 3:  # the reverse order of fewer channels is the swap of two
         candidates.append(WiringFault(asis[::-1], right, "the channels seem to be in reverse order"))
     return candidates
 
@@ -150,8 +151,9 @@ class Wirings:
     def __init__(self, metadata: Metadata, run: Run) -> None:
         self._metadata, self._run = metadata, run
         names = [channel.name for channel in metadata.layout]
-        self._wirings = wiring_faults(names) if len(names) >= CHECKED else []
-        self._contacts = CONTACTS if len(names) > CHECKED else OF_FEW
+        fewest = fewest_that_check(len(metadata.axes))
+        self._wirings = wiring_faults(names) if len(names) >= fewest else []
+        self._contacts = CONTACTS if len(names) > fewest else OF_FEW
         self._places_mm = [list[float]() for _ in self._wirings]
         """Different places of the contacts that each wiring has explained since the last one that it did not."""
         low_mm, high_mm = metadata.ranges.position_mm

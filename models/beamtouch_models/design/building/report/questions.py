@@ -14,10 +14,9 @@ from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.scene.materials import MATERIALS
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.numbers import at_least, rounded
-from beamtouch_models.runtime.decision.evidence import CHECKED
 from beamtouch_models.runtime.description import nothing_seen, per_day, unseen
 from beamtouch_models.runtime.force_range import ForceRange
-from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, Metadata
+from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, Metadata, fewest_that_check
 
 TRIED, MUST_HOLD = 20, 17
 """Contacts of an acceptance, and how many of their places must lie in the intervals. Of 20 intervals of 95 %, 17 or
@@ -207,7 +206,7 @@ def _several(metadata: Metadata) -> Iterator[str]:
         "What it notices gets the state `unexplained` and no place: two contacts far apart more often than two close "
         "together, which look like one between them. A load that is spread mostly looks like a contact in its middle."
     )
-    if len(metadata.layout) < CHECKED:
+    if len(metadata.layout) < fewest_that_check(len(metadata.axes)):
         sees = "nothing notices it" if ForceRange(*metadata.ranges.force_n).is_open else "little notices it"
         yield f"With {len(metadata.layout)} sensors {sees}: each contact carries the note `unchecked`."
     else:
@@ -221,10 +220,11 @@ def _failing(metadata: Metadata) -> Iterator[str]:
         yield "With fewer, there is no answer; never an old one."
     else:
         yield "Every sensor must work: without one there is no answer, and never an old one."
-    if count > CHECKED:
+    checking = fewest_that_check(len(metadata.axes))
+    if count > checking:
         yield "A sensor that contradicts the others makes contacts `unexplained`, and is named."
-    elif count == CHECKED:
-        yield "A sensor that contradicts the others makes contacts `unexplained`; which one it is, three do not show."
+    elif count == checking:
+        yield "A sensor that contradicts the others makes contacts `unexplained`; which one it is, so few do not show."
     else:
         yield "A sensor that is knocked shows when nothing touches the beam: look at it, and tare."
 
