@@ -103,6 +103,12 @@ async def test_the_printed_lines_are_keys_of_the_configuration(tmp_path: Path) -
         *_, scene = re.split(r"^(?=\[)", outcome.out, flags=re.MULTILINE)
         assert tomllib.loads(scene)["sensors"]["fixed_mm"] == [85.5, 354.0]
         assert stated == {"noise_mm": pytest.approx(NOISE_MM, rel=0.3)}
+        on_plate = tmp_path / "plate.toml"
+        on_plate.write_text(text.replace("position_mm", "y_mm = 20.5\nx_mm"))
+        outcome = await command("noise", on_plate, "--seconds", "2.5")
+        *_, scene = re.split(r"^(?=\[)", outcome.out, flags=re.MULTILINE)
+        fixed = [{"x_mm": 85.5, "y_mm": 20.5}, {"x_mm": 354.0, "y_mm": 20.5}]
+        assert tomllib.loads(scene)["sensors"]["fixed"] == fixed
         path.write_text(path.read_text().replace("rate_hz", f"noise_mm = {stated['noise_mm']}\nrate_hz", 1))
         assert (await command("tare", path)).code == 0
 

@@ -15,6 +15,7 @@ import numpy as np
 from beamtouch_common.commands import DONE
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS
 from beamtouch_common.table import aligned
 from beamtouch_common.units import MM
 from beamtouch_daemon.config.file import load_config
@@ -142,8 +143,7 @@ def _as_json(measurement: Measurement) -> dict[str, object]:
     scene: dict[str, object] = {"noise_mm": keys.scene_noise_mm, "zero_drift_mm": keys.zero_drift_mm}
     if keys.adc_bits is not None:
         scene["adc_bits"] = keys.adc_bits
-    if (places := _places_mm(measurement.settings)) is not None:
-        scene["fixed_mm"] = places
+    scene |= _places_of(measurement.settings)
     rate = keys.drift_um_per_min
     return {
         "error": None,
@@ -231,14 +231,26 @@ def _drift(keys: Keys) -> list[str]:
 
 def _places(surface: Surface) -> list[str]:
     """Return the line that keeps the sensors where they are mounted, if the configuration says where."""
-    if (places := _places_mm(surface)) is None:
-        return []
-    return [f"fixed_mm = {places}        # where the sensors are mounted; without it, a new layout may move them"]
+    words = "where the sensors are mounted; without it, a new layout may move them"
+    return [f"{key} = {_as_toml(places)}        # {words}" for key, places in _places_of(surface).items()]
 
 
-def _places_mm(surface: Surface) -> list[float] | None:
-    places = [channel.position_mm for channel in surface.channels]
-    return None if None in places else [place for place in places if place is not None]
+def _places_of(surface: Surface) -> dict[str, list[float] | list[dict[str, float]]]:
+    """Return the key of the scene that keeps the sensors where they are, and its value; empty if a place is missing."""
+    places_mm = [channel.place_mm for channel in surface.channels]
+    if not all(places_mm):
+        return {}
+    if surface.axes == BEAM_AXES:
+        return {"fixed_mm": [place_mm[BEAM_AXIS] for place_mm in places_mm]}
+    return {"fixed": [{f"{axis}_mm": at_mm for axis, at_mm in place_mm.items()} for place_mm in places_mm]}
+
+
+def _as_toml(places: list[float] | list[dict[str, float]]) -> str:
+    return f"[{', '.join(_inline(one) if isinstance(one, dict) else repr(one) for one in places)}]"
+
+
+def _inline(place: dict[str, float]) -> str:
+    return f"{{ {', '.join(f'{key} = {at_mm!r}' for key, at_mm in place.items())} }}"
 
 
 def _remarks(measurement: Measurement) -> list[str]:

@@ -116,7 +116,8 @@ class Channel(Strict):
     """Place of the sensor, from the left end of the beam. `design-sensors build` writes it, and keeps it when it builds
     again; `noise` prints it for the scene. Default: not stated."""
     x_mm: Length | None = None
-    """On a plate, with `y_mm` and instead of `position_mm`: place of the sensor along `x`."""
+    """On a plate, with `y_mm` and instead of `position_mm`: place of the sensor along `x`. `noise` prints
+    it, too."""
     y_mm: Length | None = None
     """On a plate: place of the sensor along `y`."""
     register_: Annotated[int | None, Field(alias="register", ge=0, le=65_535)] = None
