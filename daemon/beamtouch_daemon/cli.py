@@ -87,8 +87,8 @@ def _add_record(command: argparse.ArgumentParser) -> None:
         nargs="+",
         action="append",
         metavar=("MM", "N"),
-        help="position and force of a load, on a plate x, y and force; repeat it for each load (default: ask for each "
-        "load)",
+        help="position and force of a load, on a plate x, y and force; write it behind CONFIG, and repeat it for each "
+        "load (default: ask for each load)",
     )
     command.add_argument(
         "--accept",

@@ -74,7 +74,7 @@ def _keys_of_file(name: str) -> str:
 
 
 def _keys_of_answer(name: str) -> str:
-    return keys_as_markdown(ANSWERS[name].model_json_schema() | {"title": name}, 3)
+    return keys_as_markdown(ANSWERS[name].model_json_schema() | {"title": name}, 3, f"The whole {name}")
 
 
 def _script(name: str) -> str:

@@ -90,11 +90,11 @@ def default_of(part: Schema) -> str:
     return "" if value is None or value in ({}, []) or isinstance(value, dict) else _code(value)
 
 
-def keys_as_markdown(schema: Schema, level: int = 2) -> str:
-    """Return the reference of a schema: a heading and a table of keys for each table of the file."""
+def keys_as_markdown(schema: Schema, level: int = 2, first: str = "The whole file") -> str:
+    """Return the reference of a schema: a heading and a table of keys for each of its tables, `first` for the first."""
     parts: list[str] = []
     for number, (name, part) in enumerate(tables_of(schema).items()):
-        heading = "The whole file" if number == 0 else name
+        heading = first if number == 0 else name
         parts.append(f"{'#' * level} {heading}")
         if part.get("description"):
             parts.append(part["description"])

@@ -21,8 +21,6 @@ from beamtouch_service.samples import Note
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 from beamtouch_service.surfaces.view import View
 
-PLATE_AXES = ("x", "y")
-"""The axes by whose names documents show a surface of two axes."""
 Rows = tuple[tuple[str, str], ...]
 """Meanings of a figure and of the ends of its interval, each in JSON and in registers."""
 _NOTES = " ".join(

@@ -13,12 +13,12 @@ from enum import Enum
 from functools import cache
 from math import ceil
 
-from beamtouch_common.outline import BEAM_AXES
+from beamtouch_common.outline import BEAM_AXES, PLATE_AXES
 from beamtouch_common.zones import MAX_ZONES, ZoneState
 from beamtouch_models.runtime import State
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
-from beamtouch_service.surfaces.fields import PLATE_AXES, Cell, Field, fields_of
+from beamtouch_service.surfaces.fields import Cell, Field, fields_of
 from beamtouch_service.surfaces.view import View
 
 BLOCK = 60
