@@ -60,6 +60,9 @@ class Loads(Strict):
     def _has_axes(self) -> Self:
         if tuple(self.ranges_mm) not in {BEAM_AXES, PLATE_AXES}:
             raise ValueError("give position_mm of a beam, or x_mm and y_mm of a plate")
+        for axis, (begin_mm, end_mm) in self.ranges_mm.items():
+            if begin_mm > end_mm:
+                raise ValueError(f"{axis}_mm = [{begin_mm:g}, {end_mm:g}]: the first must not exceed the second")
         return self
 
     @property
