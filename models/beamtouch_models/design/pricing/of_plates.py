@@ -71,7 +71,7 @@ def _shear(pricing: Pricing) -> Effect:
     price = pricing.in_noise(shear_mm)
     if price < NEGLIGIBLE:
         return Effect("shear", price, "out", "the plate is thin (Mindlin's theory, estimated)")
-    reason = "the plate is thick, and yields to shear beside its loads (Mindlin's theory, estimated); calibrate"
+    reason = "the plate yields to shear beside its loads (Mindlin's theory, estimated)"
     return Effect("shear", price, "not modelled", reason)
 
 

@@ -155,8 +155,9 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
         ..., : pricing.influence.extent.axes
     ]
     price = pricing.in_noise(pricing.influence.force_n[1] * moved)
-    along = "the beam" if pricing.influence.extent.axes == 1 else "each axis"
-    reason = f"+- {tolerance_mm:g} mm along {along}; `calibrate` finds the true positions"
+    on_beam = pricing.influence.extent.axes == 1  # no other structure is calibrated
+    along = "the beam; `calibrate` finds the true positions" if on_beam else "each axis"
+    reason = f"+- {tolerance_mm:g} mm along {along}"
     verdict: Verdict = "out" if price < NEGLIGIBLE else "floor"
     return Effect("mounting tolerance", price, verdict, reason, leave_out=without_tolerance)
 
@@ -164,7 +165,8 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
 def _sensor_curve(pricing: Pricing) -> Effect:
     low, high = pricing.scene.sensors.range_mm
     span = f"{low:g}..{high:g} {pricing.scene.unit}"
-    return Effect("sensor curve", None, "not stated", f"taken as linear over {span}; `calibrate` measures it")
+    measured = "; `calibrate` measures it" if pricing.influence.extent.axes == 1 else ""
+    return Effect("sensor curve", None, "not stated", f"taken as linear over {span}{measured}")
 
 
 def _adc_steps(pricing: Pricing) -> Effect:
