@@ -135,7 +135,7 @@ def test_a_technician_commissions_below_the_path(start_bench: StartBench, below:
     for _ in range(bench.service.get("/surfaces/press-7/commissioning").json()["run"]["steps"]):
         seen.wait_for_text("commissioning-prompt", "Press")
         at_mm = bench.service.get("/surfaces/press-7/commissioning").json()["run"]["at_mm"]
-        send((at_mm, FORCE_N))
+        send((at_mm["position"], FORCE_N))
         seen.wait_for_text("commissioning-prompt", "Lift")
         send()
     seen.wait_for_text("commissioning-prompt", "Every step is done")
