@@ -5,7 +5,9 @@ Exit 0: done; 1: failed; 2: wrong input; 130: Ctrl-C. An error is one line that 
 
 import argparse
 import importlib
+import sys
 from collections.abc import Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import get_args
 
@@ -24,12 +26,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
 
     def work() -> int:
-        arguments = _parser().parse_args(argv)
+        arguments = _parser().parse_args(_join_loads(sys.argv[1:] if argv is None else argv))
         log_lines.set_up(as_json=arguments.log_format == "json", levels=arguments.log_level)
         code: int = importlib.import_module(f"beamtouch_daemon.commands.{arguments.command}").run(arguments)
         return code
 
     return exit_code(PROGRAM, "daemon", work)
+
+
+def _join_loads(words: Sequence[str]) -> list[str]:
+    """Return a command line on which the numbers of each load are one word behind its `--at`.
+
+    A load has two numbers on a beam and three on a plate. argparse, told of both, would take a CONFIG behind them too.
+    """
+    joined, left = list[str](), list(words)
+    while left:
+        joined.append(left.pop(0))
+        if joined[-1] == "--at":
+            count = 3 if len(left) > 2 and _is_number(left[2]) else 2
+            load = list(takewhile(lambda word: _is_number(word) or not word.startswith("-"), left[:count]))
+            joined += [" ".join(load)] if load else []
+            del left[: len(load)]
+    return joined
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _parser() -> Parser:
@@ -84,11 +110,11 @@ def _add_record(command: argparse.ArgumentParser) -> None:
     command.add_argument("--append", action="store_true", help="add to an existing file")
     command.add_argument(
         "--at",
-        nargs="+",
+        type=str.split,
         action="append",
-        metavar=("MM", "N"),
-        help="position and force of a load, on a plate x, y and force; write it behind CONFIG, and repeat it for each "
-        "load (default: ask for each load)",
+        metavar="MM N",
+        help="position and force of a load, on a plate x, y and force; repeat it for each load (default: ask for each "
+        "load)",
     )
     command.add_argument(
         "--accept",

@@ -13,6 +13,7 @@ from support.surfaces import configs
 
 from .conftest import Refused
 from .devices import pymodbus_server
+from .process import command
 from .recording import DOWN, LIMITS, PLATE_LIMITS, REST, UP, noisy, rows_of, stated, talk
 
 pytestmark = pytest.mark.anyio
@@ -133,6 +134,13 @@ async def test_a_load_that_is_refused_or_removed_is_asked_for_again_or_named_or_
     assert said in told.err
     assert [float(force) for _, _, force in stated(tmp_path / "loads.csv")] == loads
     assert told.code == code
+
+
+@pytest.mark.parametrize("words", [["--at", "150", "10"], ["--at", "150 10"], ["--at=150 10"]])
+async def test_loads_may_stand_before_the_configuration(tmp_path: Path, words: list[str]) -> None:
+    missing = tmp_path / "missing.toml"
+    told = await command("record", *words, "--at", "80", "-5", missing, "-o", tmp_path / "loads.csv")
+    assert (told.code, told.err) == (2, f"beamtouch-daemon: {missing}: No such file or directory\n")
 
 
 @pytest.mark.promise("docs/how-to/calibrate.md", "and a load that moves while it is recorded")
