@@ -9,6 +9,7 @@ from pathlib import Path
 
 from beamtouch_common.encodings import decode
 from beamtouch_common.errors import InputError
+from beamtouch_common.units import plain
 
 
 class RecordingError(InputError):
@@ -54,7 +55,7 @@ def parse_rows(text: str, origin: str) -> tuple[list[Row], Sequence[str]]:
     """Return the rows and the columns of CSV text as `read_rows`; `origin` begins the messages."""
     try:
         reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
-        columns = next(reader, [])
+        columns = [plain(name.strip()) for name in next(reader, [])]
         given = [(reader.line_num, cells) for cells in reader if any(cells)]
     except csv.Error as error:
         raise RecordingError(f"{origin}: not a CSV file: {error}") from None

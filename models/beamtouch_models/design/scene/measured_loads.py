@@ -76,7 +76,7 @@ def parse_loads(text: str, origin: str) -> MeasuredLoads:
     """Read the table of a measured structure from CSV text; RecordingError in one line, which begins with `origin`."""
     rows, columns = parse_rows(text, origin)
     try:
-        return _loads_of(rows, [column.strip() for column in columns])
+        return _loads_of(rows, columns)
     except RecordingError as error:
         raise RecordingError(f"{origin}: {error}") from None
 
