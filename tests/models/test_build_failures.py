@@ -14,10 +14,11 @@ from beamtouch_models.design.building.remarks import weak_spot
 from beamtouch_models.design.building.report import page
 from beamtouch_models.design.estimators import estimator
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
-from beamtouch_models.design.scene import parse_scene
+from beamtouch_models.design.scene import parse_scene, read_scene
 from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
-from support.surfaces.example_scenes import PAPER
+from support.surfaces.example_scenes import PAPER, SCENES
+from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
 
 @pytest.mark.promise(
@@ -49,6 +50,19 @@ def test_what_one_failed_sensor_costs_is_said(
     weak = weak_spot(metadata.model_copy(update=some), parse_scene(metadata.scene, "the scene"))
     assert weak.startswith(said)
     assert ("--failed-percent" in weak) is ("--" in said or said.endswith("th"))
+
+
+def test_what_a_failed_sensor_of_a_plate_costs_is_a_part_of_the_diagonal() -> None:
+    metadata = model_of(outputs=PLATE_OUTPUTS, channels=4).metadata
+    some = {
+        "length_mm": 400.0,
+        "width_mm": 300.0,
+        "min_channels": 3,
+        "placed": metadata.placed.model_copy(update={"limit_without_percent": [3.0, 1.1, 1.1, 1.1]}),
+        "accuracy": metadata.accuracy.model_copy(update={"limit_percent": 1.0}),
+    }
+    weak = weak_spot(metadata.model_copy(update=some), read_scene(SCENES / "plate-on-springs.toml"))
+    assert "the mean position error grows from 5 to 15 mm" in weak
 
 
 @pytest.mark.promise("docs/how-to/drift.md", "`build` warns if that is less than a minute.")

@@ -70,7 +70,8 @@ def _table(model: ModelFile, found: Evaluation) -> Table:
     rows.append(("error over limit", ratios[0], "", ratios[1], ""))
     noise = f"noise {fine(found.noise_mm, model.metadata.unit)}"
     title = f"{model.identity}, estimator {model.metadata.estimator}: {noise}, {found.draws} simulated contacts"
-    return Table(("position error", "whole range, mm", "% of length", "middle 60 %, mm", "% of length"), rows, title)
+    share = "% of length" if len(model.metadata.axes) == 1 else "% of diagonal"
+    return Table(("position error", "whole range, mm", share, "middle 60 %, mm", share), rows, title)
 
 
 def _lines(found: Evaluation) -> Iterator[tuple[str, str, str]]:

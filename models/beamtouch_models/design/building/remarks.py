@@ -110,7 +110,7 @@ def weak_spot(metadata: Metadata, scene: Scene) -> str:
     if worst < TOO_MUCH * limit_percent:
         return ""
     name = layout[placed.limit_without_percent.index(worst)].name
-    with_all, without = (digits(percent / 100 * metadata.length_mm, 3) for percent in (limit_percent, worst))
+    with_all, without = (digits(percent / 100 * metadata.diagonal_mm, 3) for percent in (limit_percent, worst))
     return f"if {name} fails, the mean position error grows from {with_all} to {without} mm; {remedy}"
 
 
