@@ -38,8 +38,9 @@ FEWEST = 6
 """Elements along the shorter side, at least."""
 RIGID = 1e-12
 """Flexibility of a rigid support, over that of the plate: two rigid supports at one place share the load."""
-GRID = 40
-"""Steps of the grid of sensors along the longer side, unless the scene states another."""
+GRID, ACROSS, CANDIDATES = 40, 8, 2000
+"""Steps of the grid of sensors along the longer side, and at least along the shorter one if that does not make more
+than so many places, unless the scene states a grid."""
 MAX_SENSOR_PLACES = 10_000
 LOADS = 1200
 """Load places of the influence matrix, about, if contacts lie on all of the plate."""
@@ -280,7 +281,7 @@ def places_of_sensors(plate: Plate, sensors: Sensors) -> tuple[Floats, Indices]:
     The places are those of the grid with room for a housing, and those of fixed sensors. SceneError if the grid is too
     fine, or fewer than two places are left.
     """
-    step_mm = sensors.stated_grid_mm or max(1.0, round(max(plate.size_mm) / GRID))
+    step_mm = sensors.stated_grid_mm or max(1.0, round(_usual_step_mm(plate)))
     if math.prod(length / step_mm for length in plate.size_mm) > MAX_SENSOR_PLACES:
         raise SceneError(
             f"sensors.grid_mm = {step_mm:g} makes more than {MAX_SENSOR_PLACES} places on the plate; make it coarser"
@@ -299,3 +300,9 @@ def places_of_sensors(plate: Plate, sensors: Sensors) -> tuple[Floats, Indices]:
             "correct size_mm"
         )
     return places, np.flatnonzero((places[:, None] == fixed).all(axis=2).any(axis=1))
+
+
+def _usual_step_mm(plate: Plate) -> float:
+    """Return the step of a grid that a scene leaves open: places on one line would tell nothing across it."""
+    across_mm = max(min(plate.size_mm) / ACROSS, math.sqrt(math.prod(plate.size_mm) / CANDIDATES))
+    return min(max(plate.size_mm) / GRID, across_mm)

@@ -212,7 +212,7 @@ class Sensors(Strict):
     """The same on a plate: [{ x_mm = 20, y_mm = 20 }, ...]."""
     stated_grid_mm: PositiveFinite | None = Field(default=None, alias="grid_mm")
     """Sensors are placed at multiples of this, from the left end of the beam or the edges of the plate; by default 1 on
-    a beam, and on a plate so that its longer side has some 40."""
+    a beam, and on a plate so that its longer side has some 40, or more if the shorter one would have fewer than 8."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
