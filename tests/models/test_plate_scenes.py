@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beamtouch_models import Scene, SceneError, change_scene, make_scene, read_scene, resolve
+from beamtouch_models import Scene, SceneError, change_scene, influence_matrix, make_scene, read_scene, resolve
 from beamtouch_models.design.building.mounted import find_mounted
-from beamtouch_models.design.physics.plate import influence
+from beamtouch_models.design.physics.plate import influence, places_of_sensors
 from beamtouch_models.design.physics.structure import changed
 from beamtouch_models.design.scene import identity_of
 from beamtouch_models.design.scene.plate import Plate
+from beamtouch_models.design.scene.tables import Sensors
 from beamtouch_models.errors import InputError
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
@@ -59,6 +60,11 @@ def test_a_wrong_plate_is_refused_in_one_line(tables: dict[str, Any], message: s
     assert "\n" not in str(refused.value)
 
 
+def test_the_influence_matrix_of_beams_refuses_a_plate_and_says_what_has_it() -> None:
+    with pytest.raises(SceneError, match=r"this is for beams, but the scene has \[plate\]; `resolve\(scene\)"):
+        influence_matrix(read_scene(SPRINGS), [10, 20], [150])
+
+
 def test_keys_of_plates_are_refused_on_beams() -> None:
     beam = {"length_mm": 400, "material": "steel", "width_mm": 25, "thickness_mm": 3}
     contact, noise = {"force_n": 10, "position_mm": [10, 390]}, {"noise_mm": 0.002}
@@ -72,6 +78,37 @@ def test_a_plate_that_bends_by_more_than_half_its_thickness_is_refused_and_the_a
         resolve(thin)
     thicker = float(str(refused.value).split("plate.thickness_mm = ")[1].split(" ")[0])
     resolve(on_springs(plate={"thickness_mm": thicker}))
+    assert "force_n at" not in str(refused.value)  # its weight alone bends it that far
+
+
+def test_the_force_that_is_advised_for_a_plate_that_bends_too_far_holds() -> None:
+    thin = {"thickness_mm": 2.2}
+    with pytest.raises(SceneError, match=r"linear theory does not hold") as refused:
+        resolve(on_springs(plate=thin))
+    force_n = float(str(refused.value).split("contact.force_n at ")[1].split(" ")[0])
+    assert force_n > 1
+    resolve(on_springs(plate=thin, contact={"force_n": [force_n / 10, force_n]}))
+
+
+def test_a_plate_that_its_own_weight_bends_too_far_needs_no_smaller_force_but_more_thickness() -> None:
+    size = {"length_x_mm": 3000, "length_y_mm": 2000}
+    contact = {"x_mm": [10, 2990], "y_mm": [10, 1990]}
+    with pytest.raises(SceneError, match=r"the plate bends by 15 times its thickness") as refused:
+        resolve(on_springs(plate={**size, "thickness_mm": 7}, contact=contact))
+    assert "force_n at" not in str(refused.value)
+    thicker = float(str(refused.value).split("plate.thickness_mm = ")[1].split(" ")[0])
+    assert thicker < 25
+    resolve(on_springs(plate={**size, "thickness_mm": thicker}, contact=contact))
+
+
+@pytest.mark.parametrize("size", [(4000.0, 20.0, 5.0), (2000.0, 60.0, 12.0), (400.0, 300.0, 3.0), (60.0, 900.0, 8.0)])
+def test_sensors_of_a_narrow_plate_may_stand_on_both_sides_of_its_middle(size: tuple[float, float, float]) -> None:
+    plate = Plate(length_x_mm=size[0], length_y_mm=size[1], thickness_mm=size[2], material="steel")
+    places, _ = places_of_sensors(plate, Sensors(noise_mm=0.002, size_mm=4))
+    assert len(places) < 2500
+    for along, length in zip(places.T, plate.size_mm, strict=True):
+        assert (along < 0.35 * length).any()
+        assert (along > 0.65 * length).any()
 
 
 def test_explain_prices_what_plates_have(design_sensors_here: Command) -> None:

@@ -2,10 +2,13 @@
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from beamtouch_common.digits import digits
+from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.motion import GRAVITY, point_masses, sag_mm
 from beamtouch_models.design.physics.plate import load_places_mm, supported_plate
 from beamtouch_models.design.pricing.effect import NEGLIGIBLE, Effect, Pricing
@@ -23,11 +26,22 @@ STRETCH = 0.262
 supported and free to slide; Timoshenko & Woinowsky-Krieger, Theory of Plates and Shells, 1959, table 82."""
 
 
-def bend_over_thickness(scene: Scene, plate: Plate) -> float:
-    """Return the largest deflection over the thickness under the largest force and the own weight.
+class Bends(NamedTuple):
+    """Deflections of a plate over its thickness. That it sinks or tilts on its springs is no part of them."""
 
-    That a plate sinks or tilts on its springs is no part of it.
-    """
+    under_force: Floats
+    """(loads, places) under the largest force."""
+    under_weight: Floats
+    """(places,) under the own weight; 0 if its mass is not stated."""
+
+    @property
+    def most(self) -> float:
+        """The largest under both."""
+        return float(np.abs(self.under_force + self.under_weight).max())
+
+
+def bends_over_thickness(scene: Scene, plate: Plate) -> Bends:
+    """Return the deflections of a plate over its thickness, at its rim and where contacts may be."""
     solved, loads = supported_plate(plate), load_places_mm(scene, plate)
     size = np.array(plate.size_mm)
     rim = (
@@ -36,22 +50,38 @@ def bend_over_thickness(scene: Scene, plate: Plate) -> float:
     )
     at_mm = np.concatenate([loads, rim])
     bent_mm = scene.contact.force_range_n[1] * solved.bends(at_mm, loads, scene.contact.width_mm)
+    sunk_mm = np.zeros(len(at_mm))
     if (points := point_masses(plate)) is not None:
         places, masses = points
-        bent_mm = bent_mm + GRAVITY * masses @ solved.bends(at_mm, places)
-    return float(np.abs(bent_mm).max()) / plate.thickness_mm
+        sunk_mm = GRAVITY * masses @ solved.bends(at_mm, places)
+    return Bends(bent_mm / plate.thickness_mm, sunk_mm / plate.thickness_mm)
 
 
 def check_linear(scene: Scene, plate: Plate) -> None:
     """Raise SceneError if a plate bends by more than half its thickness, where linear theory ends."""
-    bent = bend_over_thickness(scene, plate)
-    if bent > MOST_BENT:
-        force_n, thicker = scene.contact.force_range_n[1], plate.thickness_mm * math.sqrt(math.sqrt(bent / MOST_BENT))
-        raise SceneError(
-            f"at {force_n:g} N the plate bends by {digits(bent, 2)} of its thickness, with its own weight; beyond "
-            f"{MOST_BENT:g} it stretches, and linear theory does not hold: write plate.thickness_mm = "
-            f"{at_least(thicker):g} or more, or end contact.force_n at {at_most(force_n * MOST_BENT / bent):g} N"
-        )
+    bends = bends_over_thickness(scene, plate)
+    if bends.most <= MOST_BENT:
+        return
+    force_n = scene.contact.force_range_n[1]
+    of_force, of_weight = (float(np.abs(one).max()) for one in bends)
+    less = ""
+    if of_weight < MOST_BENT:
+        less = f", or end contact.force_n at {at_most(force_n * (MOST_BENT - of_weight) / of_force):g} N"
+    raise SceneError(
+        f"at {force_n:g} N the plate bends by {digits(bends.most, 2)} times its thickness, with its own weight; beyond "
+        f"{MOST_BENT:g} it stretches, and linear theory does not hold: write plate.thickness_mm = "
+        f"{at_least(plate.thickness_mm * _thicker(of_force, of_weight)):g} or more{less}"
+    )
+
+
+def _thicker(of_force: float, of_weight: float) -> float:
+    """Return how many times as thick a plate must be that bends by more than MOST_BENT.
+
+    Over the thickness, its bend under a force falls with the fourth power of the thickness, under its weight with the
+    third.
+    """
+    most = max(2.0, 2 * max(of_force, of_weight) / MOST_BENT)
+    return float(brentq(lambda times: (of_force / times + of_weight) / times**3 - MOST_BENT, 1.0, most))
 
 
 def _shear(pricing: Pricing) -> Effect:
@@ -76,7 +106,7 @@ def _shear(pricing: Pricing) -> Effect:
 
 
 def _large_deflection(pricing: Pricing) -> Effect:
-    bent = bend_over_thickness(pricing.scene, _plate_of(pricing))
+    bent = bends_over_thickness(pricing.scene, _plate_of(pricing)).most
     share = STRETCH * bent**2
     price = pricing.in_noise(np.array([share * bent * _plate_of(pricing).thickness_mm]))
     told = f"the plate bends by {digits(100 * bent, 2)} % of its thickness"
