@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import SceneError, make_scene, resolve
+from beamtouch_models.commands.build import how_to_try
 from beamtouch_models.design.accuracy.cell_posterior import summarize
 from beamtouch_models.design.accuracy.drawing import Draws, draw
 from beamtouch_models.design.accuracy.prior import Prior
@@ -199,3 +200,11 @@ def test_what_knows_one_axis_refuses_a_plate_in_one_line(tmp_path: Path, command
     assert done.returncode == 2
     assert done.stderr == f"design-sensors: {says}\n"
     assert not (tmp_path / "out").exists()
+
+
+def test_a_build_of_a_plate_does_not_propose_the_rig_which_plays_beams() -> None:
+    files = "plate.toml", "plate.onnx", "beamtouch.token", "daemon.toml"
+    told = how_to_try(*files, is_recorded=False, has_rig=False)
+    assert "beamtouch-rig" not in told
+    assert told.splitlines()[-1].strip() == "beamtouch-daemon run daemon.toml"
+    assert "beamtouch-rig plate.toml" in how_to_try(*files, is_recorded=False, has_rig=True)

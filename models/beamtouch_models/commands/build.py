@@ -78,9 +78,9 @@ def run(options: argparse.Namespace) -> Result:
         write_products(built, model=options.output, config=config, report=options.report, progress=progress)
     if config is not None:
         files = source, options.output, write_token_if_absent(config.parent), config
-        print(
-            _how_to_try(*(shlex.quote(str(path)) for path in files), is_recorded=bool(options.loads)), file=sys.stderr
-        )
+        has_rig = asked.scene.plate is None  # it plays structures of one axis
+        told = how_to_try(*(shlex.quote(str(path)) for path in files), is_recorded=bool(options.loads), has_rig=has_rig)
+        print(told, file=sys.stderr)
     surface, metadata = layout.surface, built.metadata
     note(
         describe_table_cost(layout, options.seed),
@@ -95,11 +95,18 @@ def run(options: argparse.Namespace) -> Result:
     return describe(loading.load_bytes(built.content, str(options.output)))
 
 
-def _how_to_try(source: str, model: str, token: str, config: str, *, is_recorded: bool) -> str:
+def how_to_try(source: str, model: str, token: str, config: str, *, is_recorded: bool, has_rig: bool) -> str:
     """Return the commands that run a model; loads were recorded with a configuration that knows the real channels."""
     rig = f"beamtouch-rig {source} --model {model} --modbus-tcp 127.0.0.1:5020"
     service = f"beamtouch-service run --model {model} --write-token-file {token}"
     lines = [rig, service, f"beamtouch-daemon run {config}"]
+    if not has_rig:
+        lines = [
+            service,
+            f"state the source and the channels of your sensors in {config}, then",
+            f"beamtouch-daemon tare {config}",
+            f"beamtouch-daemon run {config}",
+        ]
     if is_recorded:
         lines = [
             service,
