@@ -431,7 +431,7 @@ def test_a_contact_at_the_very_end_is_held_as_often_as_others() -> None:
 
 
 def test_more_sensors_than_were_measured_are_refused() -> None:
-    with pytest.raises(InputError, match="5 sensors do not fit on the 4 places"):
+    with pytest.raises(InputError, match="5 sensors do not fit on 4 places"):
         resolve(scene_of(influence=GOOD)).place(5)
 
 

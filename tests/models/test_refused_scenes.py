@@ -32,7 +32,7 @@ CASES = {
     "long latency": (NOISE, f"{NOISE}\n[requirements]\nlatency_ms = 1e300", "more than 10000 readings"),
     "fixed": (COUNT, "count = 2\nfixed_mm = [100, 200, 300]", "more than the 2 to be placed"),
     "twice": (COUNT, "count = 3\nfixed_mm = [100, 200, 100]", "fixed_mm names 100 mm twice"),
-    "grid": (COUNT, "count = 5\ngrid_mm = 80", "no layout of 5 sensors keeps the rules"),
+    "grid": (COUNT, "count = 5\ngrid_mm = 80", "5 sensors do not fit on 4 places"),
     "fine grid": (COUNT, "count = 2\ngrid_mm = 1e-6", "more than 20000 positions"),
     "no room": (COUNT, "count = 2\nkeep_out_mm = [[0, 400]]", "fewer than two positions"),
     "neighbours": (

@@ -9,7 +9,7 @@ from service.bench import READ_TOKEN, TOKEN, Bench, kind, surface_of
 
 FILES = (
     *("answer", "beam", "beam_parts", "commissioning", "curves", "dom", "drawing", "events", "feed", "health"),
-    *("notes", "page", "sse", "state", "strip", "tables", "token", "token_form", "zones"),
+    *("notes", "page", "places", "plate", "sse", "state", "strip", "tables", "token", "token_form", "zones"),
 )
 NEEDS = {
     "GET /": "nothing",

@@ -18,7 +18,7 @@ from service.process.conftest import Service, StartService
 from support.network.plain_http import NO_TLS
 from support.running.waiting import wait_until
 
-STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "sequence", "misfit_limit"}
+STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "width_mm", "sequence", "misfit_limit"}
 
 
 def states(response: httpx2.Response) -> Iterator[dict[str, Any]]:
@@ -56,7 +56,7 @@ def test_it_says_what_is_and_what_becomes(fresh: Service) -> None:
         assert set(first) == STATE
         assert (first["contact"], first["age_ms"], first["sequence"]) == (None, None, None)
         assert first["problem"]["type"] == "urn:beamtouch:problem:no-samples"
-        assert first["length_mm"] == 400.0
+        assert (first["length_mm"], first["width_mm"]) == (400.0, None)
         assert first["channels"][1] == {
             "name": "s2",
             "position_mm": 200.0,

@@ -73,7 +73,8 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
     """
     run = runner(to_bytes(estimator.graph))
     try:
-        reached = reach(estimator, prior, run, aim.effort.of(ACCURACY_DRAWS, LEAST_DRAWS), seed + 2)
+        draws = aim.effort.of(ACCURACY_DRAWS, LEAST_DRAWS)
+        reached = reach(estimator, prior, run, draws, seed + 2, surface.scene.unit)
     except NotGoodEnoughError as error:
         raise NotGoodEnoughError(f"nothing was written: {error}") from None
     thresholds = thresholds_of(prior, surface)
@@ -112,8 +113,10 @@ def thresholds_of(prior: Prior, surface: Surface) -> Thresholds:
     )
 
 
-def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Reached:
+def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int, unit: str) -> Reached:
     """Measure an estimator, whose graph `run` runs, beside the accuracy limit on simulated contacts.
+
+    `unit` is that of the sensors.
 
     Raises
     ------
@@ -138,8 +141,8 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int) -> Rea
     ):
         return reached
     raise NotGoodEnoughError(
-        f"with a noise of {digits(prior.errors.noise_mm, 3)} the error is {digits(ratio.value, 3)} times the accuracy "
-        f"limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
+        f"with {digits(prior.errors.noise_mm, 3)} {unit} of noise the error is {digits(ratio.value, 3)} times the "
+        f"accuracy limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
     )
 
 

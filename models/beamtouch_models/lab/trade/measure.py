@@ -150,7 +150,7 @@ def measure(task: Task) -> MeasuredModel | Failure:
         prior, made = layout.prior, layout.make_estimator(task.estimator, seed)
         graph = to_bytes(made.graph)
         run = runner(graph)
-        reached = reach(made, prior, run, task.draws, seed + 2)
+        reached = reach(made, prior, run, task.draws, seed + 2, task.scene.unit)
     except (SceneError, NotGoodEnoughError) as error:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
     return MeasuredModel(
