@@ -157,8 +157,8 @@ def equal_layout(rules: LayoutRules, size_mm: Floats, count: int) -> Indices:
         raise SceneError(f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed")
     if count > (places := len(rules.place_mm)):
         raise SceneError(
-            f"{count} sensors do not fit on {places} places, all that the rules of sensors allow (grid_mm, keep_out_mm) or "
-            f"that were measured; place {places} or fewer"
+            f"{count} sensors do not fit on {places} places, all that the rules of sensors allow (grid_mm, keep_out_mm)"
+            f" or that were measured; place {places} or fewer"
         )
     layout = rules.fitted(equal_pitch_mm(size_mm, count))
     if layout is None:
