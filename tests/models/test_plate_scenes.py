@@ -9,6 +9,7 @@ import pytest
 
 from beamtouch_models import Scene, SceneError, change_scene, influence_matrix, make_scene, read_scene, resolve
 from beamtouch_models.design.building.mounted import find_mounted
+from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.physics.plate import influence, places_of_sensors
 from beamtouch_models.design.physics.structure import changed
 from beamtouch_models.design.scene import identity_of
@@ -58,6 +59,22 @@ def test_a_wrong_plate_is_refused_in_one_line(tables: dict[str, Any], message: s
         on_springs(**tables)
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("count", "force_n", "told"),
+    [
+        (1, [2, 20], "one sensor does not tell x, y and force of a contact on a plate; use 3 or more"),
+        (2, [2, 20], "2 sensors do not tell x, y and force"),
+        (3, [2, 20], ""),
+        (1, 5, "one sensor does not tell x and y of"),
+        (2, 5, ""),
+        ("auto", [2, 20], ""),
+    ],
+)
+def test_fewer_sensors_than_a_contact_has_unknowns_are_remarked_on(count: object, force_n: object, told: str) -> None:
+    said = "\n".join(remarks(on_springs(sensors={"count": count}, contact={"force_n": force_n})))
+    assert said.startswith(told) if told else not said
 
 
 def test_the_influence_matrix_of_beams_refuses_a_plate_and_says_what_has_it() -> None:

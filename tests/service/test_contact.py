@@ -77,7 +77,7 @@ def test_channels_are_matched_by_name_and_one_that_is_not_good_is_left_out_and_n
 
 
 @pytest.mark.promise("docs/reference/problems.md", "`unusable-estimate`: the answer of the model is not finite")
-@pytest.mark.promise("docs/reference/contact.md", "On a surface of two sensors, each contact has this note.")
+@pytest.mark.promise("docs/reference/contact.md", "On a surface of two sensors, each contact has this note")
 def test_each_contact_on_a_surface_of_two_sensors_has_a_note() -> None:
     bench, found = Bench(surface_of(channels=2)), []
     for sequence, row in enumerate(([0.0, 0.0], [0.5, 0.25], [0.5, 0.25], [0.0, 0.0]), 1):

@@ -18,6 +18,8 @@ TOO_MUCH = 2.0
 """Ratio of the error with one sensor failed to that with all from which a build warns."""
 SINK = 0.45
 """Largest sink of a corner on its spring that is advised, over the length of the sensors' range."""
+KNOWN = 2.0
+"""Ratio of the largest to the smallest force below which the force is hardly an unknown."""
 SHORT_S = 60.0
 """Time in which a drift comes to the end of what the daemon follows, from which on a build does not warn."""
 
@@ -25,7 +27,7 @@ SHORT_S = 60.0
 def remarks(scene: Scene) -> list[str]:
     """Return what an engineer should look at again in a scene."""
     if scene.plate is not None:
-        return [*_assumed(scene.plate), *_hard(scene, scene.plate)]
+        return [*_assumed(scene.plate), *_hard(scene, scene.plate), *_too_few(scene)]
     if scene.measured is not None:
         return [*remarks_on_table(scene.measured, scene.contact)]
     return [*_implausible(scene.beam), *_assumed(scene.beam)] if scene.has_beam else []
@@ -45,6 +47,15 @@ def _hard(scene: Scene, plate: Plate) -> Iterator[str]:
             f"{_in_words(plate)} stands on rigid supports: places are told by small ratios of deflections, worst "
             f"near the supports; {better}"
         )
+
+
+def _too_few(scene: Scene) -> Iterator[str]:
+    """Yield a remark on fewer sensors than a contact on a plate has unknowns."""
+    weak, strong = scene.contact.force_range_n
+    unknowns, least = ("x and y", 2) if strong < KNOWN * weak else ("x, y and force", 3)
+    if (most := scene.count_range[1]) < least:
+        few = "one sensor does" if most == 1 else f"{most} sensors do"
+        yield f"{few} not tell {unknowns} of a contact on a plate; use {least} or more, and 4 to notice other loads"
 
 
 def _in_words(plate: Plate) -> str:
