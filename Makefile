@@ -5,9 +5,9 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.peers
 PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
-# Three times the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start
-# hundreds of processes. Those of the daemon wait most.
-PER_CORE = $(if $(filter-out daemon,$(or $(NAMES),all)),3,4)
+# Twice the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start hundreds
+# of processes. Those of the daemon wait most.
+PER_CORE = $(if $(filter-out daemon,$(or $(NAMES),all)),2,4)
 WORKERS ?= $(shell expr $(PER_CORE) \* $$(nproc))
 
 .PHONY: help install demo test soak versions faults mutants coverage bench check docs reference release format deb images clean

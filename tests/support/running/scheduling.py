@@ -20,6 +20,7 @@ TOGETHER = (
     "process/test_page_behind_proxies.py",
     "process/test_page_doubt.py",
     "process/test_page_token.py",
+    "system/test_images.py",
 )
 
 
