@@ -7,6 +7,7 @@ import subprocess
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import httpx2
 import pytest
@@ -50,18 +51,18 @@ def newest(program: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def podman(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+def podman() -> Iterator[list[str]]:
     """The beginning of a command of podman, which has both images."""
     if os.getuid() != 0:
         give_up("only root can run containers on any machine")
-    store = tmp_path_factory.mktemp("podman")
-    command = [
-        *("unshare", "--mount", "bash", "-c", IN_ITS_OWN_TREE, "bash", require("podman", "podman")),
-        *("--runtime", require("crun", "crun"), "--root", str(store / "root"), "--runroot", str(store / "run")),
-    ]
-    for program in MAX_MB:
-        run(*command, "load", "--quiet", "--input", newest(program))
-    return command
+    with TemporaryDirectory(prefix="podman-") as store:  # it takes paths of 50 characters at most
+        command = [
+            *("unshare", "--mount", "bash", "-c", IN_ITS_OWN_TREE, "bash", require("podman", "podman")),
+            *("--runtime", require("crun", "crun"), "--root", f"{store}/root", "--runroot", f"{store}/run"),
+        ]
+        for program in MAX_MB:
+            run(*command, "load", "--quiet", "--input", newest(program))
+        yield command
 
 
 class Contained(Line):
