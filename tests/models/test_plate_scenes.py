@@ -157,7 +157,7 @@ def test_explain_advises_springs_before_the_plate_is_bought(
     scene.write_text("\n".join(lines).replace('"corners"', supports))
     said = " ".join(design_sensors_here("explain", scene).stderr.split())
     assert told in said
-    assert "try support_stiffness_n_per_mm = 15" in said
+    assert 'try supports = "corners" with support_stiffness_n_per_mm = 15' in said
     assert "springs" not in design_sensors_here("explain", SPRINGS).stderr
 
 

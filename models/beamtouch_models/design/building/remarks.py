@@ -39,7 +39,8 @@ def _hard(scene: Scene, plate: Plate) -> Iterator[str]:
         return
     low_mm, high_mm = scene.sensors.range_mm
     softest = at_least(scene.contact.force_range_n[1] / (SINK * (high_mm - low_mm)))
-    better = f"on springs at its corners a plate errs far less: try support_stiffness_n_per_mm = {softest:g}"
+    springs = f'supports = "corners" with support_stiffness_n_per_mm = {softest:g}'
+    better = f"on springs at its corners a plate errs far less: try {springs}"
     if any(support.is_line for support in plate.support_list):
         yield f"{_in_words(plate)} is held along lines: hardly any place is told from another there; {better}"
     else:
