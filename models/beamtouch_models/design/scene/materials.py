@@ -69,3 +69,17 @@ MATERIALS: dict[MaterialName, Material] = {
     ),
 }  # fmt: skip
 """Values at room temperature."""
+
+
+def density_kg_m3_of(stated_kg_m3: float | None, material: MaterialName | None) -> float | None:
+    """Return the density as stated, or else of the material; None without either."""
+    if stated_kg_m3 is not None or material is None:
+        return stated_kg_m3
+    return MATERIALS[material].density_kg_m3
+
+
+def expansion_per_k_of(stated_um_per_m_k: float | None, material: MaterialName | None) -> float | None:
+    """Return the coefficient of thermal expansion in 1/K, as stated, or else of the material; None without either."""
+    if stated_um_per_m_k is not None:
+        return 1e-6 * stated_um_per_m_k
+    return None if material is None else 1e-6 * MATERIALS[material].expansion_um_per_m_k

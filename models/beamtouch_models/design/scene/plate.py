@@ -10,7 +10,7 @@ from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from beamtouch_common.complaints import reason_of
 from beamtouch_models.design.scene.beam import DIGITS, SMALLEST_NORMAL, text_of
-from beamtouch_models.design.scene.materials import MATERIALS, MaterialName
+from beamtouch_models.design.scene.materials import MATERIALS, MaterialName, density_kg_m3_of, expansion_per_k_of
 from beamtouch_models.design.scene.tables import DampingRatio, Finite, PositiveFinite, Strict
 from beamtouch_models.errors import SceneError
 
@@ -171,16 +171,12 @@ class Plate(Strict):
     @property
     def mass_density_kg_m3(self) -> float | None:
         """Density, as stated or of the material; None if the scene gives neither."""
-        if self.density_kg_m3 is not None or self.material is None:
-            return self.density_kg_m3
-        return MATERIALS[self.material].density_kg_m3
+        return density_kg_m3_of(self.density_kg_m3, self.material)
 
     @property
     def expansion_per_k(self) -> float | None:
         """Coefficient of thermal expansion in 1/K, as stated or of the material; None if the scene gives neither."""
-        if self.expansion_um_per_m_k is not None:
-            return 1e-6 * self.expansion_um_per_m_k
-        return None if self.material is None else 1e-6 * MATERIALS[self.material].expansion_um_per_m_k
+        return expansion_per_k_of(self.expansion_um_per_m_k, self.material)
 
 
 def stiffened_plate(plate: Plate, rigidity: float) -> Plate:
