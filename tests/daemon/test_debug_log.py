@@ -22,6 +22,7 @@ from .lines import terminal
 from .process import started
 from .service import Service, serving
 from .sessions import SourceError, first_readings, source_in, take_across_sessions
+from .waits import until
 
 pytestmark = pytest.mark.anyio
 
@@ -31,27 +32,40 @@ REQUEST = encode(1, TWO)
 ANSWER = with_crc(bytes([1, 4, 4, 0, 7, 0, 8]))
 
 
-async def lines_of(
-    fault: Fault, caplog: pytest.LogCaptureFixture, *, units: int = 1, echo: Callable[[bytes], Pieces] = no_echo
+async def lines_with(
+    words: str,
+    fault: Fault,
+    caplog: pytest.LogCaptureFixture,
+    *,
+    units: int = 1,
+    echo: Callable[[bytes], Pieces] = no_echo,
+    number: int = 1,
 ) -> list[str]:
-    """Read two registers of unit 1 for a while; return the debug lines. `units` is the number of the unit there."""
+    """Read two registers of unit 1 until so many debug lines have the words. The unit there has the number `units`."""
     caplog.set_level(logging.DEBUG, SOURCES)
+
+    def found() -> list[str]:
+        debug = (record for record in caplog.records if record.levelname == "DEBUG")
+        lines = [record.getMessage().replace(line.path, "PORT") for record in debug]
+        return [text for text in lines if words in text]
+
     with terminal() as line:
         async with rtu_units(line, {units: NumberingUnit(fault)}, echo=echo):
             table = f'kind = "modbus-rtu"\nport = "{line.path}"\ntimeout_ms = 50\nunit = 1'
             source = source_in({}, table, ["register = 0", "register = 1"], 50.0)
-            with pytest.raises(TimeoutError):
-                async with asyncio.timeout(1.0):
-                    await take_across_sessions(source, 1_000)
-    return [record.getMessage().replace(line.path, "PORT") for record in caplog.records if record.levelname == "DEBUG"]
+            reading = asyncio.create_task(take_across_sessions(source, 10_000))
+            try:
+                await until(lambda: len(found()) >= number)
+            finally:
+                reading.cancel()
+                await asyncio.wait([reading])
+    return found()
 
 
 async def test_each_request_and_answer_of_a_bus_is_logged_in_hexadecimal(caplog: pytest.LogCaptureFixture) -> None:
-    lines = await lines_of(no_fault, caplog)
     asked = f"PORT: unit 1 asked for registers 0 to 1 by function 4 ({REQUEST.hex(' ')}); answered after "
-    answered = [line for line in lines if line.startswith(asked)]
-    assert len(answered) > 10
-    assert all("(01 04 04 00 " in line for line in answered)
+    answered = await lines_with(asked, no_fault, caplog, number=10)
+    assert all(line.startswith(asked) and "(01 04 04 00 " in line for line in answered)
 
 
 @pytest.mark.parametrize(
@@ -122,19 +136,13 @@ async def test_each_request_and_answer_of_a_bus_is_logged_in_hexadecimal(caplog:
 async def test_a_bad_line_is_named_by_what_came_instead(
     fault: Fault, words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    assert [line for line in await lines_of(fault, caplog) if words in line]
+    assert await lines_with(words, fault, caplog)
 
 
 async def test_an_echo_without_an_answer_is_told_from_an_answer(caplog: pytest.LogCaptureFixture) -> None:
-    lines = await lines_of(no_fault, caplog, units=2, echo=lambda request: [(0.0, request)])
-    assert [
-        line
-        for line in lines
-        if "the request itself, which an adapter echoes, and nothing else; no intact frame" in line
-    ]
-    assert [
-        line for line in lines if "; silence has many reasons: with the daemon stopped, `beamtouch-daemon scan" in line
-    ]
+    words = "the request itself, which an adapter echoes, and nothing else; no intact frame"
+    lines = await lines_with(words, no_fault, caplog, units=2, echo=lambda request: [(0.0, request)])
+    assert "; silence has many reasons: with the daemon stopped, `beamtouch-daemon scan" in lines[0]
 
 
 async def test_a_unit_whose_answers_come_late_is_said_to_be_late_without_the_debug_log() -> None:
@@ -171,8 +179,8 @@ async def test_a_unit_that_was_late_and_then_sends_nothing_is_silent_and_no_long
 
 
 async def test_an_echo_before_each_answer_is_named(caplog: pytest.LogCaptureFixture) -> None:
-    lines = await lines_of(no_fault, caplog, echo=lambda request: [(0.0, request)])
-    assert [line for line in lines if line.endswith("; the adapter echoes requests")]
+    lines = await lines_with("; the adapter echoes requests", no_fault, caplog, echo=lambda request: [(0.0, request)])
+    assert all(line.endswith("; the adapter echoes requests") for line in lines)
 
 
 async def test_a_unit_that_is_silent_beside_one_that_answers_has_another_number_or_no_supply(
@@ -192,8 +200,8 @@ async def test_a_unit_that_is_silent_beside_one_that_answers_has_another_number_
 
 async def test_a_refusal_is_logged_with_its_meaning(caplog: pytest.LogCaptureFixture) -> None:
     refused = with_crc(bytes([1, 0x84, 2]))
-    lines = await lines_of(lambda _number, _frame: [(0.0, refused)], caplog)
-    assert [line for line in lines if f"({refused.hex(' ')}); exception 2, it has no such register" in line]
+    words = f"({refused.hex(' ')}); exception 2, it has no such register"
+    assert await lines_with(words, lambda _number, _frame: [(0.0, refused)], caplog)
 
 
 async def test_nothing_of_a_line_is_logged_unless_it_is_asked_for(caplog: pytest.LogCaptureFixture) -> None:

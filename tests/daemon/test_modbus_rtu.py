@@ -173,12 +173,12 @@ async def test_the_late_answer_to_a_repeated_probe_proves_nothing_of_what_was_as
         is_repeated = kind != VALUES and asked[-1:] == [kind]
         asked.append(kind)
         repeated += is_repeated
-        # The answer to each 20th value comes during the second try of a probe; that try is then answered late as well.
-        if kind == VALUES and asked.count(VALUES) % 20 == 0:
+        # The answer to each tenth value comes during the second try of a probe; that try is then answered late as well.
+        if kind == VALUES and asked.count(VALUES) % 10 == 0:
             return [(2.5 * timeout_s, frame)]
         return [(1.5 * timeout_s if is_repeated else 0.0, frame)]
 
-    await read_through(late, 50, timeout_ms=timeout_s * 1e3, rate_hz=200.0)
+    await read_through(late, 25, timeout_ms=timeout_s * 1e3, rate_hz=200.0)
     assert repeated >= 2
 
 
