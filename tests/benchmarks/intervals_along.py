@@ -99,7 +99,7 @@ def best_interval(
 
 
 def said_of(model: ModelFile, real: Prior, place_mm: Floats, force_n: Floats, seed: int) -> Contacts:
-    """What a model says of contacts on a surface that it may know only nearly."""
+    """Return what a model says of contacts on a surface that it may know only nearly."""
     sample = real.draw(on_axis(place_mm), force_n, np.random.default_rng(seed))
     answers = model.answer(real.measured(sample), real.errors.noise_mm)
     places = np.linspace(*real.extent.range_mm, TABLE)

@@ -199,7 +199,7 @@ def differences(found: list[dict[str, Any]], expected: list[dict[str, Any]]) -> 
 
 
 def is_same(value: object, other: object) -> bool:
-    """Whether two entries of an event are the same, within the rounding of figures."""
+    """Return whether two entries of an event are the same, within the rounding of figures."""
     if isinstance(value, float) and isinstance(other, float):
         return abs(value - other) <= SAME
     return value == other

@@ -41,7 +41,7 @@ class Terminal:
 
     @property
     def lowers_dtr(self) -> bool:
-        """Whether a serial port would lower DTR when it is closed."""
+        """Return whether a serial port would lower DTR when it is closed."""
         return bool(termios.tcgetattr(self._slave)[2] & termios.HUPCL)
 
     def unplug(self) -> None:

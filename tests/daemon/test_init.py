@@ -31,7 +31,7 @@ Init = Callable[..., Outcome]
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    """What `design-sensors build --daemon-config` writes, in a folder of its own, and a token for the result."""
+    """Return what `design-sensors build --daemon-config` writes, in a folder of its own, and a token for the result."""
     (tmp_path / "built").mkdir()
     path = tmp_path / "built" / "bench.daemon.toml"
     path.write_text(TEMPLATE)

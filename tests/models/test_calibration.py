@@ -36,7 +36,7 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture(scope="module")
 def real(bench: ModelFile) -> Imperfections:
-    """How the surface of the recording differs from its scene."""
+    """Return how the surface of the recording differs from its scene."""
     return random_imperfections(bench.metadata, np.random.default_rng(14))
 
 

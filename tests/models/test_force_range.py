@@ -48,7 +48,7 @@ def test_a_chi_square_of_part_of_a_degree_bounds_the_misfit_of_any_contact_that_
 
 
 def _added(force_n: tuple[float, float], shown_n: Floats, deviation_n: float) -> Floats:
-    """What samples that show these forces by themselves add to the misfit: springs of two stiffnesses in a row."""
+    """Return what samples that show these forces by themselves add to a misfit: springs of two stiffnesses in a row."""
     half, middle = (force_n[1] - force_n[0]) / 2, (force_n[1] + force_n[0]) / 2
     apart = shown_n - np.clip(shown_n, *force_n)
     with np.errstate(divide="ignore"):

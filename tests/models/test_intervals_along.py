@@ -29,7 +29,7 @@ def _prior(name: str, sensors: int, noise_percent: float) -> Prior:
 
 
 def _held(prior: Prior, low_mm: float, high_mm: float, seed: int) -> Bools:
-    """Whether intervals hold contacts in a stretch, of forces all over their range; of contacts that are seen."""
+    """Return whether intervals hold contacts in a stretch, of forces over their range; of contacts that are seen."""
     rng = np.random.default_rng(seed)
     place: Floats = rng.uniform(low_mm, high_mm, CONTACTS)
     force = rng.uniform(*prior.force_n, CONTACTS)

@@ -362,7 +362,7 @@ def test_curved_sensors_are_straightened_by_their_own_loads() -> None:
 
 
 def test_contacts_on_a_small_part_of_a_long_structure_are_told_as_well() -> None:
-    """Where the fit is evaluated, it is as fine as contacts need, however long the structure is."""
+    """The fit is evaluated as finely as contacts need, however long the structure is."""
     between, sensors_mm = np.linspace(20, 280, 14)[:, None], np.array(list(SENSORS_MM.values()))[:, None]
     short, long = (
         resolve(change_scene(scene_of(influence=loads_csv(25)), measured={"length_mm": length_mm}))

@@ -137,7 +137,7 @@ def recorded(path: Path, wrong: int = 0) -> Path:
 def test_a_pan_that_nobody_weighed_is_named_and_so_is_a_load_that_is_wrong(
     tmp_path: Path, model: Model, design_sensors_roughly: Command
 ) -> None:
-    """What the table leaves open between its loads must not look like loads that do not agree."""
+    """The uncertainty that the table leaves between its loads must not look like loads that do not agree."""
     model.save(tmp_path / "bar.onnx")
     read, output = recorded(tmp_path / "loads.csv"), ("-o", tmp_path / "calibrated.onnx")
     done = design_sensors_roughly("calibrate", tmp_path / "bar.onnx", read, *output)

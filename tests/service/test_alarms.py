@@ -183,7 +183,7 @@ class Cable:
 
     @property
     def is_out(self) -> bool:
-        """Whether s3 is out; every door that has no figures of its own must agree."""
+        """Return whether s3 is out; every door that has no figures of its own must agree."""
         out = self.bench.get("/surfaces/press-7").json()["channels_out"].get("s3")
         healthy = self.bench.get("/health/ready?health=true")
         assert (healthy.status_code == 503) == bool(out)

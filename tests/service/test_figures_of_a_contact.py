@@ -62,6 +62,19 @@ def test_an_interval_must_meet_a_plate_along_each_axis(y_mm: float, is_served: b
             figures_of(stated, PLATE)
 
 
+@pytest.mark.parametrize(
+    ("stated", "served"), [(-1.0, -1.0), (1.00004, 1.0), (1.0001, None), (-1.0001, None), (4.0, None)]
+)
+def test_a_correlation_lies_between_minus_one_and_one(stated: float, served: float | None) -> None:
+    names = ("x_mm", "x_low_mm", "x_high_mm", "y_mm", "y_low_mm", "y_high_mm")
+    given = dict.fromkeys(names, 100.0) | {"place_correlation": stated}
+    if served is not None:
+        assert figures_of(given, PLATE).correlation == served
+    else:
+        with pytest.raises(UnusableEstimateError, match=f"^place_correlation is {stated:g}, beyond -1 to 1$"):
+            figures_of(given, PLATE)
+
+
 def test_no_figure_is_served_without_its_interval() -> None:
     with pytest.raises(UnusableEstimateError, match=r"^position_low_mm is not a finite number$"):
         figures_of({"position_mm": 100.0}, BEAM)

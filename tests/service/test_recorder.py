@@ -157,8 +157,8 @@ async def test_a_commit_that_runs_is_the_one_that_is_returned() -> None:
         assert one.commit() is not first
 
 
-def finished(transactions: Transactions) -> list[Due]:
-    return transactions.due("line-3", 9, from_start=False)[0]
+def finished(transactions: Transactions, limit: int = 9) -> tuple[list[Due], int]:
+    return transactions.due("line-3", limit, from_start=False)
 
 
 async def test_who_waits_for_events_is_told_by_the_commit_that_ends_one() -> None:
@@ -166,7 +166,7 @@ async def test_who_waits_for_events_is_told_by_the_commit_that_ends_one() -> Non
     async with recording() as one:
         calls = list[int]()
 
-        def asked(transactions: Transactions) -> list[Due]:
+        def asked(transactions: Transactions) -> tuple[list[Due], int]:
             calls.append(1)
             return finished(transactions)
 
@@ -180,6 +180,31 @@ async def test_who_waits_for_events_is_told_by_the_commit_that_ends_one() -> Non
         async with asyncio.timeout(PATIENT_S):
             (due,) = await waiting
         assert (due.number, due.event.end, len(calls)) == (1, "lift", 2)
+
+
+async def test_behind_damaged_events_the_first_whole_one_is_found_and_others_have_a_turn_before() -> None:
+    async with recording() as one:
+        await one.write(finished)
+        await take(one, surface_of(), *[RESTING, TOUCHING] * 6, RESTING)
+        await commit(one)
+        await one.write(damage_five)
+        calls, counts = list[int](), list[asyncio.Task[int]]()
+        loop = asyncio.get_running_loop()
+
+        def asked(transactions: Transactions) -> tuple[list[Due], int]:
+            calls.append(1)
+            if len(calls) == 1:  # what is asked of the record meanwhile
+                loop.call_soon_threadsafe(lambda: counts.append(loop.create_task(one.write(lambda _: len(calls)))))
+            return finished(transactions, limit=2)
+
+        async with asyncio.timeout(PATIENT_S):
+            (due,) = await one.wait_for_finished(asked)
+            assert (due.number, len(calls), await counts[0]) == (6, 3, 1)
+
+
+def damage_five(transactions: Transactions) -> None:
+    with transactions.database.writing() as connection:
+        connection.exec_driver_sql("UPDATE events SET samples = -1 WHERE id < 6")
 
 
 async def test_of_two_services_the_one_that_lost_reads_anew(tmp_path: Path) -> None:

@@ -68,7 +68,7 @@ def newest(extra: str) -> tuple[Path | None, str]:
 
 @pytest.mark.parametrize("extra", EXTRAS)
 def test_the_packages_are_built(extra: str) -> None:
-    """Where changes are decided, this one fails for all others, which are skipped."""
+    """This one fails for all others, which are skipped, where changes are decided."""
     _, reason = newest(extra)
     if reason:
         give_up(reason)

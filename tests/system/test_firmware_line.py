@@ -23,7 +23,7 @@ def test_a_touch_is_found_through_the_firmware(board: Board, ten_bits: tuple[Pat
         contact: dict[str, Any] = {}
 
         def rests() -> bool:
-            """Whether there is a contact, and its readings do not move any more."""
+            """Return whether there is a contact, and its readings do not move any more."""
             contact.update(httpx2.get(f"{line.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S).json())
             return contact.get("state") == "contact" and "unsteady" not in contact["notes"]
 

@@ -40,7 +40,7 @@ def built(pattern: str) -> Path:
 
 
 def test_the_distributions_are_built() -> None:
-    """Where changes are decided, this one fails for all others, which are skipped."""
+    """This one fails for all others, which are skipped, where changes are decided."""
     _, reason = newest("*.whl")
     if reason:
         give_up(reason)

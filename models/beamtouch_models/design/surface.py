@@ -162,7 +162,7 @@ class Surface:
 
     @property
     def ringing(self) -> Ringing | None:
-        """How long the structure rings; None without a beam or plate whose mass is stated."""
+        """Return how long the structure rings; None without a beam or plate whose mass is stated."""
         if not self.scene.is_computed:
             return None
         return ringing_of(self.scene, self.readings.reading_mm, self.travel.largest_mm)

@@ -57,7 +57,7 @@ export class Events {
   }
 }
 
-/** Where the load lay, or from where to where it moved. */
+/** Return where the load lay, or from where to where it moved. */
 function place(event) {
   const axes = "mean_x_mm" in event ? ["x", "y"] : ["position"];
   const [means, lows, highs, least, most] = ["mean_#", "mean_#_low", "mean_#_high", "min_#", "max_#"].map((name) =>
@@ -87,8 +87,8 @@ const number = (value, low, high) => {
 };
 const seconds = (ms) => (ms / 1000).toFixed(1);
 
-/** How long it lasted and was in zones, in s, whether its figures are uncertain, and how it ended; at least that long
- * where nobody saw the end. */
+/** Return how long it lasted and was in zones, in s, whether its figures are uncertain, and how it ended; at least
+ * that long where nobody saw the end. */
 function duration({ dwell_ms, end, kind, unexplained_ms, unsteady, zones }, current) {
   const stays = Object.entries(zones ?? {}).map(([name, ms]) => `, ${seconds(ms)} in ${name}`);
   const stretches = kind !== "unexplained" && unexplained_ms > 0 ? `, ${seconds(unexplained_ms)} unexplained` : "";

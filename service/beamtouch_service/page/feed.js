@@ -49,7 +49,7 @@ export class Feed {
     this.connect();
   }
 
-  /** How long ago the last message came, in ms. */
+  /** Return how long ago the last message came, in ms. */
   get silence() {
     return between(this.heard, present());
   }

@@ -146,7 +146,7 @@ function drawNow(shown) {
   setText(byId("misfit"), texts.misfit);
 }
 
-/** What is said once per state: the sign, the title of the window, and the words for those who listen. */
+/** Change what is said once per state: the sign, the title of the window, and the words for those who listen. */
 function announce(shown) {
   const text = words(shown);
   if (text !== said) {

@@ -9,7 +9,7 @@ export const axesOf = (thing) => (thing && "x_mm" in thing ? PLATE : BEAM);
 /** The axes of what the page shows now. */
 export const axesShown = (shown) => (isPlate(shown) ? PLATE : BEAM);
 
-/** Whether the surface is a plate, as far as its newest message says. */
+/** Return whether the surface is a plate, as far as its newest message says. */
 export const isPlate = (shown) => typeof shown.width === "number";
 
 /** The coordinates of a thing, one an axis; null where they are not known. */

@@ -127,7 +127,7 @@ function touch(contact, scale) {
   ];
 }
 
-/** Where 95 % of such contacts are: an ellipse, or the box of both intervals if the model states no correlation. */
+/** Draw where 95 % of such contacts are: an ellipse, or the box of both intervals if the model states no correlation. */
 function region(contact, scale) {
   const across = { fill: "url(#hatch)", id: "bar", class: "bar" };
   const spans = [intervalOf(contact, "x", scale.length), intervalOf(contact, "y", scale.width)];

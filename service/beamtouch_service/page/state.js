@@ -99,7 +99,7 @@ export function words(shown, place) {
   return [`${shown.title}${place ?? ""}`, ...beside].join(". ");
 }
 
-/** Whether a contact has left the place that was announced: that is out of its interval, or by a millimetre without one. */
+/** Return whether a contact has left the announced place: out of its interval, or by a millimetre without one. */
 export function hasMoved(contact, announced) {
   if (contact?.state !== "contact" || announced === null) return false;
   if (inWords(placeOf(contact), 0) === inWords(announced, 0)) return false;

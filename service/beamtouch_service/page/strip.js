@@ -8,7 +8,7 @@ const GAP_MS = 1000;
 const EVERY_MS = 100;
 const [LEFT, RIGHT, TOP, BOTTOM] = [40, 8, 6, 20];
 
-/** What happened in the last minute. */
+/** The states and contacts of the last minute. */
 export class History {
   constructor() {
     this.entries = [];

@@ -57,7 +57,7 @@ export class Token {
     this.error = "";
   }
 
-  /** Whether another window has kept another token, or forgotten this one; then that holds here as well. */
+  /** Return whether another window has kept another token, or forgotten this one; then that holds here as well. */
   changedElsewhere() {
     const text = kept();
     if (this.tried || text === this.text) return false;

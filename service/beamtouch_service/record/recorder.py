@@ -23,7 +23,7 @@ from beamtouch_service.record.events.health import HealthHistory, StoredHealth
 from beamtouch_service.record.events.surface_record import SurfaceRecord
 from beamtouch_service.record.reading.readers import Readers
 from beamtouch_service.record.writing.retention import Deleted, Retention
-from beamtouch_service.record.writing.transactions import Transactions
+from beamtouch_service.record.writing.transactions import Due, Transactions
 from beamtouch_service.record.writing.writer import Writer
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection
@@ -84,7 +84,7 @@ class Recorder:
 
     @property
     def away_because(self) -> str:
-        """Why the record is away; empty while it is there."""
+        """Return why the record is away; empty while it is there."""
         late_s = time.monotonic() - self._begun_s
         if self._commit and not self._commit.done() and late_s > AWAY_S:
             return f"the database has not answered for {late_s:.0f} s"
@@ -214,16 +214,19 @@ class Recorder:
         except TimeoutError:
             raise RecordAwayError(f"it has not answered for {AWAY_S:g} s") from None
 
-    async def wait_for_finished(self, call: Callable[[Transactions], list[_T]]) -> list[_T]:
-        """Return the finished events that a call of the record gives, once there are any; raises RecordAwayError.
+    async def wait_for_finished(self, find: Callable[[Transactions], tuple[list[Due], int]]) -> list[Due]:
+        """Return the events that `find` gives, as `Transactions.due` does, once there are any; raises RecordAwayError.
 
-        While there are none, the call is made again after each commit that ends events.
+        While none are due, it is asked again after each commit that ends events. If all that it read were damaged, it
+        is asked again at once; other work of the record has a turn before.
         """
         while True:
             ended = self._ended  # taken before the call: some may end meanwhile
-            if answer := await self.write(call):
-                return answer
-            await ended.wait()
+            due, count = await self.write(find)
+            if due:
+                return due
+            if not count:
+                await ended.wait()
 
     async def _write_changes(self, *, everything: bool) -> None:
         now_s = time.monotonic()

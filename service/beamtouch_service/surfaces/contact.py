@@ -46,7 +46,7 @@ def figures_of(answer: Mapping[str, float], outline: Outline) -> Figures:
     Raises
     ------
     UnusableEstimateError
-        A figure is not finite, or the place lies off the structure.
+        A figure is not finite, the place lies off the structure, or the correlation beyond -1 to 1.
     """
     place = {axis: _span(answer, axis, "mm") for axis in outline.lengths_mm}
     force = _span(answer, "force", "n") if "force_n" in answer else None
@@ -57,6 +57,8 @@ def figures_of(answer: Mapping[str, float], outline: Outline) -> Figures:
     if correlation is not None:
         _require_finite(CORRELATION, correlation)
         correlation = round(correlation, _DECIMALS)
+        if abs(correlation) > 1:
+            raise UnusableEstimateError(f"{CORRELATION} is {correlation:g}, beyond -1 to 1")
     return Figures({axis: _rounded(span) for axis, span in place.items()}, force and _rounded(force), correlation)
 
 

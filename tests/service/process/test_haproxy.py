@@ -204,7 +204,7 @@ def test_no_request_is_hidden_in_another(proxy: tuple[Proxy, Service]) -> None:
             connection.sendall(words)
 
         def agree() -> bool:
-            """Whether all are answered, and each that the service has seen to the one who sent it, not to others."""
+            """Return whether all are answered, and each that the service has seen to its sender, not to others."""
             for index, connection in enumerate(connections):
                 heard[index] += _heard(connection)
             statuses = [re.findall(rb"HTTP/1\.1 (\d+)", content) for content in heard]

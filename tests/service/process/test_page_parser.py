@@ -41,7 +41,7 @@ STREAMS = {
 
 
 def by_browser(seen: Watched, content: bytes) -> list[Any]:
-    """What the EventSource of the browser makes of a stream."""
+    """Return what the EventSource of the browser makes of a stream."""
     headers = {"Content-Type": "text/event-stream", "Cache-Control": "no-store"}
     seen.page.route("**/oracle", lambda route: route.fulfill(body=content, headers=headers))
     found: list[Any] = seen.page.evaluate(_ORACLE)

@@ -101,7 +101,7 @@ class Watched:
         self.page.wait_for_function(script, arg=[element, part])
 
     def text(self, element: str) -> str:
-        """What the element of that id says."""
+        """Return the text of the element of that id."""
         return self.page.inner_text(f"#{element}")
 
     def texts_in(self, state: str, *elements: str) -> list[str]:
@@ -169,7 +169,7 @@ class Watched:
         self.page.evaluate(_WATCH)
 
     def wrongs(self) -> list[list[str]]:
-        """What `watch` noted."""
+        """Return what `watch` noted."""
         found: list[list[str]] = self.page.evaluate("() => window.wrongs")
         return found
 

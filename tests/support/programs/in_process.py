@@ -16,7 +16,7 @@ class Outcome:
 
     @property
     def noted(self) -> str:
-        """What is said on standard error, in one line: notes are broken to fit a page."""
+        """Return what is said on standard error, in one line: notes are broken to fit a page."""
         return " ".join(self.stderr.split())
 
 

@@ -41,7 +41,7 @@ def random_imperfections(metadata: Metadata, rng: np.random.Generator) -> Imperf
 
 
 def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
-    """What an estimator would know that knew everything of the real surface."""
+    """Return what an estimator would know that knew everything of the real surface."""
     scene, layout_mm = parse_scene(metadata.scene, metadata.name), metadata.layout_mm
     prior = Prior.of(influence_of(scene), on_axis(layout_mm), Errors(metadata.noise.sample_mm))
     return depart(prior, scene.beam, scene.contact.width_mm, layout_mm, real.departures(len(layout_mm)))

@@ -109,7 +109,7 @@ class Contact(Strict):
 
     @property
     def assumed_tolerance_percent(self) -> float | None:
-        """How far the force may be from the one number, where that is not stated; None if it is, or for a range."""
+        """Return how far the force may be from the one number, if that is not stated; None if it is, or for a range."""
         is_stated = isinstance(self.force_n, tuple) or self.force_tolerance_percent is not None
         return None if is_stated else FORCE_TOLERANCE_PERCENT
 

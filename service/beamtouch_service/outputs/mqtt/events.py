@@ -68,11 +68,11 @@ class EventSender:
             else:
                 await asyncio.sleep(RETRY_S)
 
-    def _find_due(self, transactions: Transactions, limit: int) -> list[Due]:
-        """Return at most `limit` events to send, and count all, in the thread of the record."""
+    def _find_due(self, transactions: Transactions, limit: int) -> tuple[list[Due], int]:
+        """Return at most `limit` events to send, and the count of all, in the thread of the record."""
         due, count = transactions.due(self._destination, limit, from_start=self._from_start)
         self._pending.set(count)
-        return due
+        return due, count
 
     async def _send(self, connection: Connection, due: list[Due]) -> bool:
         """Send events, and return whether the broker had a subscriber for each."""

@@ -89,6 +89,5 @@ class EventSender:
         await self._server.iserver.subscription_service.trigger_event(sent)
 
 
-def _find_due(transactions: Transactions) -> list[Due]:
-    due, _ = transactions.due(DESTINATION, AT_ONCE, from_start=False)
-    return due
+def _find_due(transactions: Transactions) -> tuple[list[Due], int]:
+    return transactions.due(DESTINATION, AT_ONCE, from_start=False)

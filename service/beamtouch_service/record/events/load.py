@@ -97,7 +97,7 @@ class Stay(NamedTuple):
 
     @property
     def weight(self) -> int:
-        """How much it counts: a single sample lasts no time, and the clock of a sender may be set back."""
+        """Return its weight: a single sample lasts no time, and the clock of a sender may be set back."""
         return max(1, self.lasts_us)
 
     def is_weaker(self, other: "Stay", axes: int = 1) -> bool:

@@ -10,7 +10,6 @@ from sqlalchemy import (
     ColumnElement,
     Connection,
     Row,
-    Select,
     Table,
     bindparam,
     delete,
@@ -82,7 +81,7 @@ class Transactions:
 
     @property
     def away_because(self) -> str:
-        """Why the database was away at the start; empty if it was not."""
+        """Return why the database was away at the start; empty if it was not."""
         return self.database.away_because
 
     def load(self, surface: str, boot_id: str) -> tuple[list[Cursor], StoredHealth]:
@@ -127,10 +126,11 @@ class Transactions:
         return numbers, lost
 
     def due(self, destination: str, limit: int, *, from_start: bool) -> tuple[list[Due], int]:
-        """Return finished events that a destination has yet to acknowledge, in order, and how many there are.
+        """Return the first finished events that a destination has yet to acknowledge, in order, and how many there are.
 
         A destination that the record does not know gets the events that finish from now on, or all. A damaged one is
-        due no longer, and the log names it: it would hold up all that follow it.
+        due no longer, and the log names it: it would hold up all that follow it. If all of the first `limit` are
+        damaged, there are none, and the next call has those that follow.
         """
         is_due = DELIVERIES.c.destination == destination
         query = (
@@ -142,9 +142,10 @@ class Transactions:
         )
         with self.database.writing() as connection:
             _make_known(connection, destination, from_start=from_start)
-            due, damages = _read_due(connection, query)
+            due, damages = _read_due(connection.execute(query).all())
+            _end_deliveries(connection, damages)
             count = connection.scalar(select(func.count()).select_from(DELIVERIES).where(is_due)) or 0
-        for damage in damages:
+        for damage in damages.values():
             _log.error("%s never gets an event: %s", destination, damage)
         return due, count
 
@@ -158,18 +159,14 @@ class Transactions:
         self.database.close()
 
 
-def _read_due(connection: Connection, query: Select[Any]) -> tuple[list[Due], list[str]]:
-    """Return the first events that a query gives, and the damages of those that it gives no more."""
-    due, damages = list[Due](), list[str]()
-    while not due and (rows := connection.execute(query).all()):
-        damaged = list[int]()
-        for row in rows:
-            try:
-                due.append(Due(row.number, *event_of(row)))
-            except UnreadableRowError as error:
-                damaged.append(row.number)
-                damages.append(str(error))
-        _end_deliveries(connection, damaged)
+def _read_due(rows: Sequence[Row[*tuple[Any, ...]]]) -> tuple[list[Due], dict[int, str]]:
+    """Return the whole events of rows, and for the delivery of each other one its damage."""
+    due, damages = list[Due](), dict[int, str]()
+    for row in rows:
+        try:
+            due.append(Due(row.number, *event_of(row)))
+        except UnreadableRowError as error:
+            damages[row.number] = str(error)
     return due, damages
 
 

@@ -34,7 +34,7 @@ class Writer:
 
     @property
     def reason(self) -> str:
-        """Why the record is away, or a work of it or the record of a surface; empty while all is there."""
+        """Return why the record is away, or a work of it or the record of a surface; empty while all is there."""
         return self._reason or next(chain(self._failed.values(), self._damaged.values()), "")
 
     async def run(self, call: Callable[[Transactions], _T]) -> _T:
