@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
+from textwrap import fill
 
 from pydantic import BaseModel
 
@@ -21,13 +22,15 @@ from beamtouch_models.design.scene.schema import editor_schema
 from beamtouch_models.lab.rig.loads import Script
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_service.config import ConfigFile
+from beamtouch_service.fields import example_of
 from beamtouch_service.problems import ProblemBody
-from beamtouch_service.record import EventWithPath
+from beamtouch_service.record import EventWithPath, PlateEventWithPath
 from beamtouch_service.samples import Batch
-from beamtouch_service.surfaces.fields import Contact
+from beamtouch_service.surfaces.fields import Contact, PlateContact, fields_of
 from helps import helps_as_markdown, registers
+from page_fields import page_fields
 from project import ROOT
-from schemas import keys_as_markdown
+from schemas import keys_as_markdown, members_beside
 from stubs import python_interface
 
 FILES: dict[str, tuple[type[BaseModel], str]] = {
@@ -45,19 +48,28 @@ ANSWERS: dict[str, type[BaseModel]] = {
     "batch": Batch,
 }
 """What programs send and receive as JSON."""
+ON_PLATES: dict[str, type[BaseModel]] = {"contact": PlateContact, "event": PlateEventWithPath}
+"""The answers whose members are named after the axes of the surface."""
+PAGE_COLUMNS = 119
+"""Longest line of an answer in a page."""
 DOCS = ROOT / "docs"
 SCHEMAS = DOCS / "schemas"
+PAGE_FIELDS = ROOT / "service" / "beamtouch_service" / "page" / "fields.js"
 _PART = re.compile(r"(<!-- generate: (\S+) -->\n).*?(<!-- generated -->)", re.DOTALL)
 
 
 def reference() -> dict[Path, str]:
-    """Return the text of each page with parts from the code, and of each schema, by its path."""
+    """Return the text of each page with parts from the code, of each schema, and of a file of the page, by its path."""
     pages = {path: path.read_text() for path in sorted(DOCS.rglob("*.md"))}
     schemas = {name: editor_schema(*FILES[name]) for name in FILES} | {"openapi": facts.openapi()}
-    return {path: _filled(text) for path, text in pages.items() if _PART.search(text)} | {
-        SCHEMAS / f"{name}.json": json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
-        for name, schema in schemas.items()
-    }
+    return (
+        {path: _filled(text) for path, text in pages.items() if _PART.search(text)}
+        | {
+            SCHEMAS / f"{name}.json": json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+            for name, schema in schemas.items()
+        }
+        | {PAGE_FIELDS: page_fields()}
+    )
 
 
 def _filled(page: str) -> str:
@@ -74,7 +86,22 @@ def _keys_of_file(name: str) -> str:
 
 
 def _keys_of_answer(name: str) -> str:
-    return keys_as_markdown(ANSWERS[name].model_json_schema() | {"title": name}, 3, f"The whole {name}")
+    schema = ANSWERS[name].model_json_schema() | {"title": name}
+    whole = keys_as_markdown(schema, 3, f"The whole {name}")
+    if name not in ON_PLATES:
+        return whole
+    on_plate = ON_PLATES[name].model_json_schema() | {"title": name}
+    return f"{whole}\n\n{members_beside(on_plate, schema, 3, f'The {name} on a plate, in place of `position`')}"
+
+
+def _example_of_contact() -> str:
+    """Return an answer with the examples of the table, in lines that fit a page."""
+    members = [
+        f"{json.dumps(name)}:{json.dumps(value, separators=(',', ':'))}"
+        for name, value in example_of(fields_of()).items()
+    ]
+    text = fill(f"{{{', '.join(members)}}}", PAGE_COLUMNS, break_long_words=False, break_on_hyphens=False)
+    return "```json\n" + text.replace(", ", ",").replace("\n", "\n ") + "\n```"
 
 
 def _script(name: str) -> str:
@@ -86,6 +113,7 @@ _PARTS: Mapping[str, Callable[[], str]] = (
     | {f"members-{name}": partial(_keys_of_answer, name) for name in ANSWERS}
     | {
         "commands": helps_as_markdown,
+        "example-contact": _example_of_contact,
         "metrics": facts.metrics,
         "opcua-variables": facts.opcua_variables,
         "problems": facts.problems,

@@ -102,6 +102,24 @@ def keys_as_markdown(schema: Schema, level: int = 2, first: str = "The whole fil
     return "\n\n".join(parts)
 
 
+def members_beside(schema: Schema, known: Schema, level: int, first: str) -> str:
+    """Return the members of an answer that another one lacks: a heading and a table of keys for each of its tables.
+
+    Parameters
+    ----------
+    schema, known : of the answer and of the other one, with tables in the same order
+    first : heading of the first table
+    """
+    parts: list[str] = []
+    pairs = zip(tables_of(schema).items(), tables_of(known).values(), strict=True)
+    for number, ((name, part), other) in enumerate(pairs):
+        members = {key: value for key, value in part["properties"].items() if key not in other["properties"]}
+        if members:
+            parts.append(f"{'#' * level} {first if number == 0 else name}")
+            parts.append(_table(part | {"properties": members}, schema.get("$defs", {})))
+    return "\n\n".join(parts)
+
+
 def _table(part: Schema, defs: Mapping[str, Schema]) -> str:
     required = part.get("required", [])
     rows = [

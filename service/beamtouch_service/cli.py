@@ -35,6 +35,8 @@ def _add_registers(registers: argparse.ArgumentParser) -> None:
     registers.description = "Print the map of the Modbus registers that [modbus_server] serves."
     words = "also print the blocks of the surfaces in this configuration of the service, and its word order"
     registers.add_argument("--config", metavar="FILE", help=words)
+    words = "also print the block of a surface with this model file; without --config, it is named after the model"
+    registers.add_argument("--model", metavar="MODEL", help=words)
     registers.add_argument("--json", action="store_true", help="print one JSON object on standard output")
 
 
@@ -76,16 +78,21 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _registers(arguments: argparse.Namespace) -> int:
-    from beamtouch_common.files import load_toml
-    from beamtouch_service.config import ConfigFile
+    from beamtouch_service.config import load_settings
+    from beamtouch_service.host import models
     from beamtouch_service.outputs.modbus import document
     from beamtouch_service.outputs.modbus.section import ModbusServerSection
 
-    settings = load_toml(ConfigFile, Path(arguments.config)) if arguments.config else ConfigFile()
+    settings = load_settings(Path(arguments.config) if arguments.config else None, {"model": arguments.model})
+    named = [models.name_axes(name, section.model) for name, section in settings.surfaces.items()]
+    blocks = {
+        name: document.Block(section, axes)
+        for (name, axes), section in zip(named, settings.surfaces.values(), strict=True)
+    }
     sections = [section for section in settings.outputs if isinstance(section, ModbusServerSection)]
     section = sections[0] if sections else ModbusServerSection()
     show = document.as_json if arguments.json else document.as_text
-    print(show(settings.surfaces, section.word_order))
+    print(show(blocks, section.word_order))
     return DONE
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from pydantic import BaseModel, create_model
+from pydantic import BaseModel, ConfigDict, create_model
 from pydantic import Field as ModelField
 
 Source = TypeVar("Source")
@@ -27,10 +27,13 @@ class Field(Generic[Source]):
     """True if OPC UA has it, too."""
     is_optional: bool = False
     """True if JSON leaves it out while it is empty."""
+    example: Any = None
+    """A value of it, for documents."""
 
 
 def model_of(name: str, words: str, fields: Iterable[Field[Any]]) -> type[BaseModel]:
     """Return a table as a model of pydantic, with a name and a description, for OpenAPI and documents."""
+    rows = list(fields)
     members: dict[str, Any] = {
         field.name: (
             field.type,
@@ -38,9 +41,16 @@ def model_of(name: str, words: str, fields: Iterable[Field[Any]]) -> type[BaseMo
             if field.is_optional
             else ModelField(description=field.meaning),
         )
-        for field in fields
+        for field in rows
     }
-    return create_model(name, __doc__=words, **members)
+    has_example = any(field.example is not None for field in rows)
+    config = ConfigDict(json_schema_extra={"examples": [example_of(rows)]}) if has_example else None
+    return create_model(name, __doc__=words, __config__=config, **members)
+
+
+def example_of(fields: Iterable[Field[Any]]) -> dict[str, Any]:
+    """Return an answer with the examples of a table, without optional fields that have none."""
+    return {field.name: field.example for field in fields if field.example is not None or not field.is_optional}
 
 
 def members_of(fields: Iterable[Field[Source]], source: Source) -> dict[str, Any]:

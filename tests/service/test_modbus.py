@@ -16,6 +16,7 @@ from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from service.bench import Row, parsed, surface_of, surface_with
 from service.contact_registers import FIGURES, number
+from support.surfaces.small_model import PLATE_OUTPUTS, write_model
 
 NOW_S = 1000.0
 
@@ -183,10 +184,50 @@ def test_the_command_lists_the_blocks_of_a_configuration(tmp_path: Path, capsys:
     assert cli.main(["registers", "--config", str(path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["surfaces"] == [
-        {"surface": "press-7", "address": 0, "identity": 7881},
-        {"surface": "a-press", "address": 60, "identity": 41422},
+        {"surface": "press-7", "address": 0, "identity": 7881, "axes": ["position"]},
+        {"surface": "a-press", "address": 60, "identity": 41422, "axes": ["position"]},
     ]
     assert (found["function"], found["registers_per_surface"], found["word_order"]) == (4, 60, "little")
     assert [one["name"] for one in found["registers"]] == [one.name for one in REGISTERS]
     assert (found["states"]["contact"], found["states"]["stale"], found["notes"]["rate"]) == (2, 18, 3)
-    assert "| `a-press` | 60 to 119 | 41422    |\n\nWord order: little." in text
+    assert "| `a-press` | 60 to 119 | 41422    | position |\n\nWord order: little." in text
+    assert "`x_mm`" not in text
+
+
+@pytest.mark.promise(
+    "docs/reference/registers.md",
+    "Of a plate it names registers 8 to 13 after its first axis; of beams and plates together it has both names.",
+)
+def test_the_command_names_the_registers_of_a_plate_after_its_axes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plate = write_model(tmp_path, "top", outputs=PLATE_OUTPUTS, channels=4)
+    write_model(tmp_path, "press-7")
+
+    def printed(*options: str) -> str:
+        assert cli.main(["registers", *options]) == 0
+        return capsys.readouterr().out
+
+    alone = printed("--model", str(plate))
+    assert "| 8 to 9   | `x_mm` " in alone
+    assert "| `top`   | 0 to 59   | " in alone
+    assert "`position_mm`" not in alone
+    path = tmp_path / "service.toml"
+    path.write_text('[surfaces.press-7]\nmodel = "press-7.onnx"\n[surfaces.press-8]\nmodel = "top.onnx"\n')
+    for both in (printed("--config", str(path)), printed()):
+        assert "| 8 to 9   | `position_mm` " in both
+        assert "| 8 to 9   | `x_mm` " in both
+    found = json.loads(printed("--config", str(path), "--json"))
+    assert [one["axes"] for one in found["surfaces"]] == [["position"], ["x", "y"]]
+    assert [(one["offset"], one["name"]) for one in found["registers_of_plates"]] == [
+        (8, "x_mm"),
+        (10, "x_low_mm"),
+        (12, "x_high_mm"),
+    ]
+
+
+def test_the_map_of_a_model_that_cannot_be_read_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["registers", "--model", str(tmp_path / "none.onnx")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

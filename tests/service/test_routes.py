@@ -5,16 +5,21 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 
+from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_service.api.samples import MAX_BODY_BYTES
+from beamtouch_service.fields import example_of
 from beamtouch_service.problems import MEDIA_TYPE, Kind
 from beamtouch_service.record import EventAnswer
 from beamtouch_service.samples import MAX_SAMPLES, Batch
-from beamtouch_service.surfaces.fields import Contact
+from beamtouch_service.surfaces.fields import Contact, fields_of
 from beamtouch_service.surfaces.pace import Pace
-from service.bench import Bench, batch_of, kind, surface_of, surface_with
-from support.surfaces.small_model import model_of
+from service.bench import START_US, Bench, Row, batch_of, kind, surface_of, surface_with
+from service.event_story import TOUCHING
+from support.pages.pasted import is_part_of, shown_in
+from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
 MQTT = Path(__file__).parents[2] / "docs" / "how-to" / "mqtt.md"
 
@@ -349,12 +354,30 @@ def test_the_description_is_whole_and_its_example_is_a_batch(description: dict[s
     assert Batch.model_validate_json(json.dumps(example)).boot_id == "6f1d2c84-0b7e-4a53"
 
 
+@pytest.mark.parametrize(
+    ("outputs", "kind_of", "row"),
+    [(PLATE_OUTPUTS, "Plate", [0.5, 0.25, 0.125, 0.0]), (POSITION_OUTPUTS + FORCE_OUTPUTS, "", TOUCHING)],
+)
+def test_the_description_has_the_answers_of_beams_and_plates(
+    description: dict[str, Any], outputs: tuple[str, ...], kind_of: str, row: Row
+) -> None:
+    bench = Bench(surface_of(outputs=outputs, channels=len(row)))
+    bench.send([0.0] * len(row), *[row] * 4, [0.0] * len(row))
+    bench.send(*[row] * 4, sequence=7, begin_us=START_US + 50_000)
+    (event, *_) = bench.get("/events?kind=contact").json()["events"]
+    whole = bench.get(f"/events/{event['id']}").json()
+    answers = {"Contact": bench.contact(), "Event": event, "EventWithPath": whole, "Stay": whole["path"][0]}
+    for name, answer in answers.items():
+        schema = {"$ref": f"#/components/schemas/{kind_of}{name}", "components": description["components"]}
+        jsonschema.Draft202012Validator(schema).validate(answer)
+        members = description["components"]["schemas"][f"{kind_of}{name}"]["properties"]
+        assert [member for member in answer if member not in members] == []
+
+
 def test_the_messages_in_the_document_of_mqtt_have_the_members_of_today() -> None:
-    messages = [json.loads(line[line.index("{") :]) for line in MQTT.read_text().splitlines() if line.endswith("}")]
+    messages = [shown_in(line[line.index("{") :]) for line in MQTT.read_text().splitlines() if line.endswith("}")]
     (contact,) = [message for message in messages if "state" in message]
     (event,) = [message for message in messages if "touched_at" in message]
-    # A surface without zones has no such member.
-    members = [[name for name in kind.model_fields if name != "zones"] for kind in (Contact, EventAnswer)]
-    assert [list(contact), list(event)] == members
-    Contact.model_validate(contact)
-    EventAnswer.model_validate(event)
+    for message, kind_of in ((contact, Contact), (event, EventAnswer)):
+        assert is_part_of(message, kind_of.model_fields)
+    Contact.model_validate(example_of(fields_of()) | contact)

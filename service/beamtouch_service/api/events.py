@@ -26,6 +26,8 @@ from beamtouch_service.record import (
     EventKey,
     EventKind,
     EventWithPath,
+    PlateEvent,
+    PlateEventWithPath,
     Reader,
     encode_event,
     event_fields_of,
@@ -72,7 +74,11 @@ class EventQuery(BaseModel):
         return limit
 
 
-_LISTS: Any = GenericAlias(list, EventWithPath) | GenericAlias(list, EventAnswer)
+_LINK = {
+    "description": 'Of CSV: the address of the next page from this one, as `<?...>; rel="next"`; none on the last.',
+    "schema": {"type": "string"},
+}
+_LISTS: Any = GenericAlias(list, EventWithPath | PlateEventWithPath) | GenericAlias(list, EventAnswer | PlateEvent)
 EventList = create_model(
     "EventList",
     __doc__="Events, newest touch first: all with a path, or all without.",
@@ -84,7 +90,7 @@ EventList = create_model(
 @router.get(
     "/events",
     response_model=EventList,
-    responses={200: RESPONSES},
+    responses={200: RESPONSES | {"headers": {"Link": _LINK}}},
     dependencies=[SLOT],
 )
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
@@ -103,7 +109,7 @@ async def get_events(context: ContextParameter, request: Request, query: Annotat
     return await answer_in_parts(context, partial(_as_csv, keys=page), MEDIA_TYPE, headers)
 
 
-@router.get("/events/{id}", response_model=EventWithPath, dependencies=[SLOT])
+@router.get("/events/{id}", response_model=EventWithPath | PlateEventWithPath, dependencies=[SLOT])
 async def get_event(
     context: ContextParameter, number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
 ) -> Response:

@@ -8,10 +8,10 @@ from beamtouch_service.problems import MEDIA_TYPE, ProblemBody
 from beamtouch_service.samples import Batch
 
 DESCRIPTION = (
-    "Is something touching the beam, where, how hard, and how sure are we. A daemon posts samples; `GET /contact` "
-    "answers from the newest one, and never from one older than the limit of the surface. Lengths are in mm from "
-    "the left end of the beam, forces in N, ages in ms. Every error is problem+json (RFC 9457): decide by its `type`, "
-    "read its `detail`."
+    "Is something touching the beam or the plate, where, how hard, and how sure are we. A daemon posts samples; "
+    "`GET /contact` answers from the newest one, and never from one older than the limit of the surface. Places are in "
+    "mm from the left end of a beam, or from the edges of a plate along `x` and `y`; forces in N, ages in ms. Every "
+    "error is problem+json (RFC 9457): decide by its `type`, read its `detail`."
 )
 
 _REFERENCE = "#/components/schemas/{model}"

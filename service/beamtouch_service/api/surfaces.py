@@ -11,7 +11,7 @@ from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of
 from beamtouch_service.problems import ProblemBody, ProblemError
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
-from beamtouch_service.surfaces.fields import Contact, encode
+from beamtouch_service.surfaces.fields import Contact, PlateContact, encode
 from beamtouch_service.surfaces.model_description import ModelDescription, describe_model
 from beamtouch_service.surfaces.order import SampleCounts
 from beamtouch_service.surfaces.surface import Surface
@@ -80,7 +80,7 @@ class Beam(BaseModel):
     """The zones of the configuration by name."""
 
 
-@contact_router.get("/contact", response_model=Contact)
+@contact_router.get("/contact", response_model=Contact | PlateContact)
 async def get_contact(request: Request, surface: SurfaceInQuery = None) -> Response:
     """Return the contact on the only surface, or on the one that is named."""
     context = context_of(request.scope)
@@ -88,7 +88,7 @@ async def get_contact(request: Request, surface: SurfaceInQuery = None) -> Respo
     return _contact(context, surface)
 
 
-@contact_router.get("/surfaces/{name}/contact", response_model=Contact)
+@contact_router.get("/surfaces/{name}/contact", response_model=Contact | PlateContact)
 async def get_surface_contact(request: Request, name: SurfaceInPath) -> Response:
     """Return the contact on this surface."""
     return _contact(context_of(request.scope), name)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.outline import BEAM_AXES
 from beamtouch_common.zones import first_conflict
 from beamtouch_models import runtime
 from beamtouch_models.runtime import ModelFile, ModelFileError
@@ -23,6 +24,20 @@ _log = logging.getLogger(__name__)
 def load(path: Path) -> ModelFile:
     """Load a model and check that a service can use it; raises ModelFileError."""
     return _parse(runtime.read(path), str(path))
+
+
+def name_axes(surface: str, path: Path | None) -> tuple[str, tuple[str, ...]]:
+    """Return the name of a surface, or of its model if it has none, and the axes of its model.
+
+    Without a model that can be used, they are those of a beam, as in a service. Raises InputError if it gives the name.
+    """
+    try:
+        metadata = load(path).metadata if path else None
+    except ModelFileError as error:
+        if surface:
+            return surface, BEAM_AXES
+        raise InputError(f"model {error}") from None
+    return (surface or metadata.name, tuple(metadata.axes)) if metadata else (surface, BEAM_AXES)
 
 
 def report(path: Path, *, as_json: bool) -> str:

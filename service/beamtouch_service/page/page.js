@@ -6,11 +6,12 @@ import { byId, html, setText, sign } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { Events } from "./events.js";
 import { Feed } from "./feed.js";
+import { Figures } from "./figures.js";
 import { Health } from "./health.js";
 import { axesShown, inWords, isPlate, placeOf } from "./places.js";
 import { PlateView } from "./plate.js";
-import { ANSWERS, describe, figures, hasMoved, RELOAD, words } from "./state.js";
-import { drawStrip, forceRange, History } from "./strip.js";
+import { ANSWERS, describe, figures, hasMoved, misfit, RELOAD, words } from "./state.js";
+import { History } from "./strip.js";
 import { drawChannels } from "./tables.js";
 import { Token } from "./token.js";
 import { TokenForm } from "./token_form.js";
@@ -30,6 +31,7 @@ const commissioning = new Commissioning(token);
 const captioned = [byId("beam"), (text) => setText(byId("beam-words"), text)];
 const [beamView, plateView] = [new BeamView(...captioned), new PlateView(...captioned)];
 const drawing = new Drawing(token);
+const largeFigures = new Figures();
 const feed = new Feed(token, remember, surfacesKnown);
 const form = new TokenForm(token, otherToken);
 let said = "";
@@ -57,7 +59,6 @@ function surfacesKnown() {
   setText(byId("surface"), chooser.hidden ? (feed.chosen ?? "") : "");
   nameModel(feed.surface?.model ?? null);
   drawing.forget(); // a service that was restarted may have other zones
-  setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
   byId("contact-link").href = feed.chosen ? `contact?surface=${encodeURIComponent(feed.chosen)}` : "contact";
   events.follow(feed.surface?.name);
   health.follow(feed.surface?.name);
@@ -129,21 +130,11 @@ function show() {
 }
 
 function drawNow(shown) {
-  const texts = figures(shown);
   setText(byId("headline"), shown.title);
   setText(byId("detail"), shown.detail);
-  const [first, second = { at: "—", interval: "" }] = texts.places;
-  byId("across-figure").hidden = byId("across-chart").hidden = texts.places.length === 1;
-  setText(byId("place-name"), texts.places.length === 1 ? "Position" : "x");
-  setText(byId("place-chart"), `${texts.places.length === 1 ? "Position" : "x"} in mm, last minute`);
-  setText(byId("position"), first.at);
-  setText(byId("position-interval"), first.interval);
-  setText(byId("across"), second.at);
-  setText(byId("across-interval"), second.interval);
-  setText(byId("force"), texts.force);
-  setText(byId("force-interval"), texts.forceInterval);
-  setText(byId("age"), texts.age);
-  setText(byId("misfit"), texts.misfit);
+  largeFigures.shape(axesShown(shown).length);
+  largeFigures.write(figures(shown, largeFigures.all, feed.surface?.stale_ms));
+  setText(byId("misfit"), misfit(shown));
 }
 
 /** Change what is said once per state: the sign, the title of the window, and the words for those who listen. */
@@ -174,11 +165,7 @@ function speak(shown) {
 
 function drawStrips(shown) {
   if (shown.length) size = [shown.length, shown.width];
-  axesShown(shown).forEach((axis, index) => {
-    const names = ["", "_low", "_high"].map((end) => `${axis}${end}_mm`);
-    drawStrip(byId(["position-strip", "across-strip"][index]), history, names, [0, size[index] ?? 100]);
-  });
-  drawStrip(byId("force-strip"), history, ["force_n", "force_low_n", "force_high_n"], forceRange(history));
+  largeFigures.drawCharts(history, size);
 }
 
 byId("chooser").addEventListener("change", (event) => {

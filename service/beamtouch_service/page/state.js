@@ -1,7 +1,7 @@
 // From what the feed knows to what the page says. No document here.
 
 import { noted } from "./notes.js";
-import { axesOf, axesShown, inWords, placeOf } from "./places.js";
+import { axesOf, inWords, placeOf } from "./places.js";
 
 // Of these problems the channels are as new as ever.
 const CURRENT = ["too-few-channels", "unusable-estimate"];
@@ -61,25 +61,28 @@ function stripped(shape) {
   return (shape?.channels ?? []).map((channel) => ({ ...channel, deflection_mm: null, quality: "unknown" }));
 }
 
-/** The large figures as texts; "—" for everything that is not known now. */
-export function figures(shown) {
-  const { contact: found } = shown;
-  const unestimated = shown.kind === "contact" && found.force_n === null;
-  const places = axesShown(shown).map((axis) => ({
-    at: known(found?.[`${axis}_mm`], 1),
-    interval: interval(found?.[`${axis}_low_mm`], found?.[`${axis}_high_mm`]),
-  }));
-  return {
-    places,
-    force: known(found?.force_n, 1),
-    forceInterval: unestimated ? "not estimated" : interval(found?.force_low_n, found?.force_high_n),
-    misfit: misfit(found, shown.misfitLimit),
-    age: shown.age === null ? "—" : shown.age < 100_000 ? shown.age.toFixed(0) : "> 99999",
-  };
+/**
+ * Return the large figures by id, each as the text of its value and the text below it; "—" for all that is not known.
+ *
+ * table: the figures of the surface; staleMs: its limit of the age, or undefined.
+ */
+export function figures(shown, table, staleMs) {
+  return Object.fromEntries(table.map((figure) => [figure.id, figure.id === "age" ? age(shown, staleMs) : text(shown, figure)]));
 }
 
-/** The misfit beside its scale: a figure alone says nothing. */
-function misfit(found, limit) {
+function text({ kind, contact: found }, { name, ends }) {
+  const below = ends ? interval(...ends.map((end) => found?.[end])) : "";
+  return { value: known(found?.[name], 1), below: kind === "contact" && found[name] === null ? "not estimated" : below };
+}
+
+/** The age by the clock of the page, which goes on while nothing comes. */
+function age(shown, staleMs) {
+  const value = shown.age === null ? "—" : shown.age < 100_000 ? shown.age.toFixed(0) : "> 99999";
+  return { value, below: staleMs === undefined ? "" : `at most ${staleMs} ms` };
+}
+
+/** Return the misfit beside its scale: a figure alone says nothing. */
+export function misfit({ contact: found, misfitLimit: limit }) {
   if (!found || typeof limit !== "number") return "";
   const compared = found.misfit > limit ? "over the limit of" : "the limit is";
   return `Misfit ${found.misfit.toFixed(1)}, ${compared} ${limit.toFixed(1)}`;

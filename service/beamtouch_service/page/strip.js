@@ -26,6 +26,14 @@ export class History {
     while (this.entries[0].at < at - SPAN_MS - GAP_MS) this.entries.shift();
   }
 
+  /** Return a range for a figure, with the name of its upper end: from zero to a round value above all of it. */
+  range(name, high) {
+    const values = this.entries.map(({ contact }) => contact?.[high] ?? contact?.[name] ?? 0);
+    const most = Math.max(1, ...values);
+    const power = 10 ** Math.floor(Math.log10(most));
+    return [0, [1, 1.5, 2, 3, 5, 7, 10].find((step) => step * power >= most) * power];
+  }
+
   /** Stretches of one sort, as [from, to]; `test` takes a kind. */
   stretches(test) {
     return this.runs((entry) => test(entry.kind)).map(({ run, end }) => [run[0].at, end]);
@@ -112,10 +120,3 @@ function lines(history, [value, low, high], x, y) {
   });
 }
 
-/** Return the range of the force axis: from zero to a round value above everything in the history. */
-export function forceRange(history) {
-  const forces = history.entries.map(({ contact }) => contact?.force_high_n ?? contact?.force_n ?? 0);
-  const most = Math.max(1, ...forces);
-  const power = 10 ** Math.floor(Math.log10(most));
-  return [0, [1, 1.5, 2, 3, 5, 7, 10].find((step) => step * power >= most) * power];
-}

@@ -16,6 +16,8 @@ from beamtouch_service.record.events.event import Begin, End, Event, EventKind, 
 from beamtouch_service.record.fields import (
     EventAnswer,
     EventWithPath,
+    PlateEvent,
+    PlateEventWithPath,
     encode_event,
     event_fields_of,
     members_of_event,
@@ -36,8 +38,8 @@ from beamtouch_service.record.writing.transactions import Due, Transactions
 
 __all__ = [
     "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Begin", "Due", "End", "Event", "EventAnswer", "EventKey", "EventKind",
-    "EventWithPath", "Numbered", "Reader", "RecordAwayError", "RecordUnusableError", "Recorder", "Rows",
-    "TooManyReadersError", "Transactions", "UnreadableRowError", "describe_kept_days", "encode_event",
-    "event_fields_of", "find_axes", "find_best_samples", "find_events", "get_recorded_event", "members_of_event",
-    "read_best_samples", "read_events",
+    "EventWithPath", "Numbered", "PlateEvent", "PlateEventWithPath", "Reader", "RecordAwayError",
+    "RecordUnusableError", "Recorder", "Rows", "TooManyReadersError", "Transactions", "UnreadableRowError",
+    "describe_kept_days", "encode_event", "event_fields_of", "find_axes", "find_best_samples", "find_events",
+    "get_recorded_event", "members_of_event", "read_best_samples", "read_events",
 ]  # fmt: skip

@@ -8,41 +8,36 @@ from collections.abc import Callable
 from functools import cache
 from itertools import zip_longest
 from operator import attrgetter
+from types import GenericAlias
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, create_model
+from pydantic import Field as ModelField
 from pydantic_core import to_json
 
-from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS, names_of
+from beamtouch_common.outline import BEAM_AXES, BEAM_AXIS, PLATE_AXES, names_of
 from beamtouch_service import fields
 from beamtouch_service.fields import Field
 from beamtouch_service.record.events.event import Begin, Contradiction, End, Event, EventKind, Numbered
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 
 
-class Stay(BaseModel):
-    """A part of a contact in which one load explains all samples. Its places are named after the axes, as elsewhere."""
-
-    model_config = ConfigDict(use_attribute_docstrings=True)
-
-    at: str
-    """Time of its begin (RFC 3339)."""
-    lasts_ms: float
-    """How long it lasted."""
-    position_mm: float
-    """Position of the load."""
-    position_low_mm: float
-    """Lower end of the 95 % interval."""
-    position_high_mm: float
-    """Upper end of the 95 % interval."""
-    force_n: float | None
-    """Force of the load; null if the model does not estimate force."""
-    force_low_n: float | None
-    """Lower end of the 95 % interval."""
-    force_high_n: float | None
-    """Upper end of the 95 % interval."""
-    unsteady: bool
-    """True if these figures stand on unsteady samples."""
+def _stay_of(axes: tuple[str, ...]) -> type[BaseModel]:
+    """Return the model of a stay on a surface with these axes."""
+    ends = ("Lower end of the 95 % interval.", "Upper end of the 95 % interval.")
+    members: dict[str, tuple[object, str]] = {
+        "at": (str, "Time of its begin (RFC 3339)."),
+        "lasts_ms": (float, "How long it lasted."),
+    }
+    for axis in axes:
+        place = ("Position of the load." if axis == BEAM_AXIS else f"Place of the load along {axis}.", *ends)
+        members |= {one: (float, words) for one, words in zip(names_of(axis, "mm"), place, strict=True)}
+    force = ("Force of the load; null if the model does not estimate force.", *ends)
+    members |= {one: (float | None, words) for one, words in zip(names_of("force", "n"), force, strict=True)}
+    members["unsteady"] = (bool, "True if these figures stand on unsteady samples.")
+    described: dict[str, Any] = {one: (kind, ModelField(description=words)) for one, (kind, words) in members.items()}
+    name = "Stay" if axes == BEAM_AXES else "PlateStay"
+    return create_model(name, __doc__="A part of a contact in which one load explains all samples.", **described)
 
 
 def _stored(name: str, kind: object, meaning: str, unit: str = "") -> Field[Numbered]:
@@ -181,7 +176,7 @@ def _with_path(axes: tuple[str, ...]) -> tuple[Field[Numbered], ...]:
         *event_fields_of(axes),
         Field(
             "path",
-            list[Stay],
+            GenericAlias(list, _stay_of(axes)),
             "The stays of its load, at most 25. Between two of them it moved, or its force changed.",
             lambda numbered: _path(numbered.event),
         ),
@@ -195,7 +190,7 @@ def _with_path(axes: tuple[str, ...]) -> tuple[Field[Numbered], ...]:
 
 
 def _path(event: Event) -> list[dict[str, Any]]:
-    """Return the path of an event, each point as a `Stay`."""
+    """Return the path of an event, each point a stay."""
     names = [name for axis in event.place for name in names_of(axis, "mm")] + [*names_of("force", "n")]
     return [
         {
@@ -211,8 +206,12 @@ def _path(event: Event) -> list[dict[str, Any]]:
 _WORDS = "One contact from touch to lift, or one unexplained stretch. Times are from the sender's clock, in UTC."
 EventAnswer = fields.model_of("Event", _WORDS, event_fields_of())
 """An event on a beam, without its path."""
+PlateEvent = fields.model_of("PlateEvent", _WORDS, event_fields_of(PLATE_AXES))
+"""An event on a plate, without its path."""
 EventWithPath = fields.model_of("EventWithPath", _WORDS, _with_path(BEAM_AXES))
 """An event on a beam, with the path of its contact, and what was unexplained."""
+PlateEventWithPath = fields.model_of("PlateEventWithPath", _WORDS, _with_path(PLATE_AXES))
+"""An event on a plate, with the path of its contact, and what was unexplained."""
 
 
 def members_of_event(numbered: Numbered) -> dict[str, Any]:

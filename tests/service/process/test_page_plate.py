@@ -79,8 +79,8 @@ def test_a_plate_is_drawn_from_above_to_scale(
     seen.watch()
     seen.wait_for_state("contact")
     seen.page.wait_for_selector("#beam rect.zone.inside", state="attached")
-    assert (seen.text("place-name"), seen.text("position"), seen.text("across")) == ("x", "150.0", "75.0")
-    assert (seen.text("position-interval"), seen.text("force")) == ("149.0 … 151.0 (95 %)", "8.8")
+    assert (seen.text("x-name"), seen.text("x"), seen.text("y")) == ("x", "150.0", "75.0")
+    assert (seen.text("x-interval"), seen.text("force")) == ("149.0 … 151.0 (95 %)", "8.8")
     seen.wait_for_text("status", "Contact at 150, 75 mm")
     assert place_of(seen, "circle.tip") == near((150, 75))
     assert place_of(seen, "rect.sensor") == near((100, 50), (200, 150), (300, 250), (400, 50))
@@ -92,15 +92,15 @@ def test_a_plate_is_drawn_from_above_to_scale(
     assert "to scale" in seen.text("beam-words")
     assert "x 140 … 260, y 40 … 120 mm: inside" in seen.text("zones")
     seen.wait_for_text("events", "150.0 … 275.0, 75.0 … 137.5")
-    seen.page.wait_for_selector("#across-strip polyline", state="attached")
+    seen.page.wait_for_selector("#y-strip polyline", state="attached")
     assert (seen.overflow(), seen.wrongs(), seen.complaints, seen.strangers()) == (0, [], [], [])
     assert seen.unreadable() == []
-    assert seen.page.evaluate(_APART, ["headline", "position", "across", "force", "age"]) == []
+    assert seen.page.evaluate(_APART, ["headline", "x", "y", "force", "age"]) == []
     seen.picture(f"plate-{name}")
     send(service, *[RESTING] * 3, sequence=30)
     seen.wait_for_state("clear")
     seen.page.wait_for_function("() => !document.querySelector('#beam .bar')")
-    assert (seen.text("position"), seen.text("across")) == ("—", "—")
+    assert (seen.text("x"), seen.text("y")) == ("—", "—")
 
 
 def test_without_a_correlation_the_intervals_make_a_box(

@@ -36,7 +36,7 @@ _WATCH = """() => {
   new MutationObserver(() => states.push(document.body.dataset.state))
     .observe(document.body, {attributeFilter: ["data-state"]});
   setInterval(() => {
-    const shown = document.getElementById("position")?.textContent;
+    const shown = document.querySelector("#position, #x")?.textContent;
     const force = document.getElementById("force")?.textContent;
     const state = document.body.dataset.state;
     const number = text => /^-?[0-9.]+$/.test(text);

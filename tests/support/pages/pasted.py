@@ -1,16 +1,18 @@
 """Blocks of commands in the pages, and a clean shell that they are pasted into."""
 
 import contextlib
+import json
 import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from tempfile import gettempdir
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from filelock import FileLock
 
@@ -34,6 +36,18 @@ class Block(NamedTuple):
 def blocks_of(page: str) -> list[Block]:
     """Return the blocks of a page, by its path."""
     return [Block(*found) for found in _FENCE.findall((ROOT / page).read_text())]
+
+
+def shown_in(text: str) -> dict[str, Any]:
+    """Return an answer in a page as JSON; `...` stands for members that it leaves out."""
+    shown: dict[str, Any] = json.loads(text.replace(", ... ", ",").replace(", ...}", "}"))
+    return shown
+
+
+def is_part_of(shown: Iterable[str], whole: Iterable[str]) -> bool:
+    """Return whether names come in the order of others, which may have more between them."""
+    others = iter(whole)
+    return all(name in others for name in shown)
 
 
 def paste(page: str, folder: Path, patience_s: float = PATIENCE_S) -> str:

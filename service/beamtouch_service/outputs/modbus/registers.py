@@ -194,3 +194,5 @@ def registers_of(axes: tuple[str, ...]) -> tuple[Register, ...]:
 
 REGISTERS = registers_of(BEAM_AXES)
 """The block of a beam."""
+ON_PLATES = [one for one in registers_of(PLATE_AXES) if one.name not in {other.name for other in REGISTERS}]
+"""The registers that have another name on a plate."""
