@@ -34,6 +34,30 @@ LEVELS, PLACES = 2, 3
 
 
 @dataclass(frozen=True, eq=False)
+class _Spline:
+    """The spline of a characteristic, over the logarithm of what a sensor shows."""
+
+    knots: Floats
+    smooth: Floats
+    """(coefficients - 2, coefficients) rows that hold its second differences small."""
+
+    @classmethod
+    def over(cls, shown: Floats) -> Self:
+        """Return the spline over what was shown (loads,), all positive."""
+        logs = np.log(shown)
+        knots = np.linspace(logs.min(), max(logs.max(), logs.min() + KNOTS * RISES), KNOTS)
+        beyond = float(knots[1] - knots[0]) * np.arange(1, DEGREE + 1)
+        smooth = np.sqrt(STIFFNESS) * np.diff(np.eye(KNOTS + DEGREE - 1), 2, axis=0)
+        return cls(np.concatenate([knots[0] - beyond[::-1], knots, knots[-1] + beyond]), smooth)
+
+    def design(self, shown: Floats) -> Floats:
+        """Return the weight (loads, coefficients) of each coefficient under what is shown (loads,)."""
+        logs = np.clip(np.log(shown), self.knots[DEGREE], self.knots[-DEGREE - 1])
+        matrix: Floats = BSpline.design_matrix(logs, self.knots, DEGREE).toarray()
+        return matrix
+
+
+@dataclass(frozen=True, eq=False)
 class Characteristic:
     """What a sensor shows, and the straight deflection behind it: a line from point to point, ascending."""
 
@@ -60,26 +84,40 @@ class Characteristic:
                 "places; measure with several forces at each place, or leave curved out"
             )
         shown, force = shown_mm[is_seen], force_n[is_seen]
-        logs = np.log(shown)
-        knots = np.linspace(logs.min(), logs.max(), KNOTS)
-        step = float(knots[1] - knots[0])
-        beyond = step * np.arange(1, DEGREE + 1)
-        knots = np.concatenate([knots[0] - beyond[::-1], knots, knots[-1] + beyond])
-        design = BSpline.design_matrix(np.clip(logs, knots[DEGREE], knots[-DEGREE - 1]), knots, DEGREE).toarray()
-        count = design.shape[1]
+        spline = _Spline.over(shown)
+        design, smooth = spline.design(shown), spline.smooth
         weight = 1 / np.hypot(noise_mm / shown, PLACED)
-        smooth = np.sqrt(STIFFNESS) * np.diff(np.eye(count), 2, axis=0)
         rows = np.block(
             [
                 [design * weight[:, None], -np.eye(len(places))[place_of] * weight[:, None]],
                 [smooth, np.zeros((len(smooth), len(places)))],
-                [np.zeros((1, count)), np.ones((1, len(places)))],
+                [np.zeros((1, design.shape[1])), np.ones((1, len(places)))],
             ]
         )
         wanted = np.concatenate([np.log(force) * weight, np.zeros(len(smooth) + 1)])
-        coefficients = np.linalg.lstsq(rows, wanted, rcond=None)[0][:count]
-        along = np.linspace(logs.min(), logs.max(), POINTS)
-        rising = np.maximum.accumulate(BSpline(knots, coefficients, DEGREE)(along) - RISES * np.arange(POINTS))
+        coefficients: Floats = np.linalg.lstsq(rows, wanted, rcond=None)[0][: design.shape[1]]
+        return cls._of(spline, coefficients, shown)
+
+    @classmethod
+    def fit_to_known(cls, straight_mm: Floats, shown_mm: Floats, noise_mm: float) -> Self:
+        """Fit the characteristic of a sensor whose straight deflections (loads,) a theory knows, but for their scale.
+
+        Loads without a deflection by the theory, or without one that is seen, do not count; some others must be left.
+        """
+        counts = (straight_mm > 0) & (shown_mm > SEEN * noise_mm)
+        shown = shown_mm[counts]
+        spline = _Spline.over(shown)
+        weight = 1 / np.hypot(noise_mm / shown, PLACED)
+        rows = np.vstack([spline.design(shown) * weight[:, None], spline.smooth])
+        wanted = np.concatenate([np.log(straight_mm[counts]) * weight, np.zeros(len(spline.smooth))])
+        coefficients: Floats = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+        return cls._of(spline, coefficients, shown)
+
+    @classmethod
+    def _of(cls, spline: "_Spline", coefficients: Floats, shown: Floats) -> Self:
+        """Return the table of a spline over what was shown (loads,), whose scale is that of what was shown."""
+        along = np.linspace(np.log(shown.min()), np.log(shown.max()), POINTS)
+        rising = np.maximum.accumulate(spline.design(np.exp(along)) @ coefficients - RISES * np.arange(POINTS))
         straight = np.exp(rising + RISES * np.arange(POINTS))
         points, straight = np.exp(along), straight * (shown.max() / straight[-1])
         below = -BELOW * points[-1]

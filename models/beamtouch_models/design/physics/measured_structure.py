@@ -13,6 +13,7 @@ from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.physics.characteristic_fit import Characteristic, mean_at_places
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, Interpolation, even_loads_mm
 from beamtouch_models.design.physics.smooth_fit import SmoothFit
+from beamtouch_models.design.physics.theory_fit import KnownLoads, Theory, TheoryFit
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.measured_loads import parse_loads
 from beamtouch_models.errors import SceneError
@@ -54,7 +55,7 @@ class MeasuredStructure:
     """(places, sensors) standard deviation of the influence that the fit leaves, in mm/N."""
     repeatability: Floats
     """(sensors,) standard deviation by which the influence differs when a load is put on anew, in mm/N."""
-    fit: SmoothFit
+    fit: SmoothFit | TheoryFit
     """Of the influence, to the table."""
     spacing_mm: float
     """Largest distance of neighbouring loads."""
@@ -137,6 +138,12 @@ def measured_structure_of(scene: Scene) -> MeasuredStructure:
             "loads"
         )
     places = tuple(measured.places_mm.items())
+    if measured.theory is not None:
+        error_mm = math.hypot(scene.sensors.noise_mm or 0.0, scene.sensors.zero_drift_mm or 0.0)
+        tables = measured.influence, measured.theory
+        return _structure_by_theory(
+            tables, places, measured.end_mm, scene.contact.position_mm, error_mm, curved=measured.curved
+        )
     return _structure(measured.influence, places, measured.end_mm, scene.contact.position_mm, noise_mm)
 
 
@@ -202,6 +209,53 @@ def _structure(
         spacing_mm,
         shares,
         characteristics,
+    )
+
+
+@lru_cache(maxsize=8)
+def _structure_by_theory(
+    tables: tuple[str, str],
+    sensors_mm: tuple[tuple[str, float], ...],
+    length_mm: float,
+    contacts_mm: tuple[float, float],
+    noise_mm: float,
+    *,
+    curved: bool,
+) -> MeasuredStructure:
+    loads, table = (parse_loads(text, name) for text, name in zip(tables, ("the table", "the theory"), strict=True))
+    in_order = sorted(sensors_mm, key=lambda sensor: sensor[1])
+    names = tuple(name for name, _ in in_order)
+    theory = Theory.of(table.position_mm, table.influence_mm_per_n[:, [table.names.index(name) for name in names]])
+    known = KnownLoads(
+        loads.position_mm,
+        loads.force_n,
+        loads.deflection_mm[:, [loads.names.index(name) for name in names]],
+        theory.at(loads.position_mm),
+    )
+    if curved:
+        known.check_curved(names, noise_mm)
+    ends_mm = theory.position_mm[[0, -1]].tolist()
+    if contacts_mm[0] < ends_mm[0] or contacts_mm[1] > ends_mm[1]:
+        raise SceneError(
+            f"contact.position_mm goes from {contacts_mm[0]:g} to {contacts_mm[1]:g} mm, but measured.theory from "
+            f"{ends_mm[0]:g} to {ends_mm[1]:g} mm; compute it over the whole range"
+        )
+    fit = TheoryFit.of(theory, known, noise_mm, curved=curved)
+    fit.check(known, noise_mm, names, loads.unit)
+    at_mm = _grid_mm(contacts_mm, length_mm)
+    mean, between = fit.at(on_axis(at_mm))
+    return MeasuredStructure(
+        length_mm,
+        names,
+        np.array([place for _, place in in_order]),
+        CubicSpline(at_mm, mean),
+        at_mm,
+        between,
+        fit.repeatability,
+        fit,
+        float(np.diff(theory.position_mm).max()),
+        np.zeros(len(names)),
+        fit.gains.characteristics,
     )
 
 

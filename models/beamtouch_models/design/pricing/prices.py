@@ -238,6 +238,8 @@ def _interpolation(pricing: Pricing) -> Effect:
         return Effect(name, 0.0, "out", "the influence function is known everywhere")
     deviation = table.deviation_at(pricing.sensor_mm, pricing.load_mm)
     price = pricing.in_noise(pricing.influence.force_n[1] * deviation)
+    if pricing.scene.measured is not None and pricing.scene.measured.theory is not None:
+        return Effect(name, price, "floor", "by which the theory misses the loads")
     reason = f"of a table of places {digits(table.spacing_mm, 3)} mm apart"
     if price > 1 and not math.isnan(table.order):
         needed_mm = table.spacing_mm * (1 / price) ** (1 / table.order)
@@ -250,7 +252,7 @@ def _repeatability(pricing: Pricing) -> Effect:
     name, table = "repeatability", pricing.influence.interpolation
     if table is None or table.repeats is None:
         return Effect(name, 0.0, "out", "the influence function is exact")
-    scatter = pricing.influence.force_n[1] * table.repeats(pricing.sensor_mm, pricing.load_mm[:1])
+    scatter = pricing.influence.force_n[1] * table.repeats(pricing.sensor_mm, pricing.load_mm)
     return Effect(
         name, pricing.in_noise(scatter), "floor", "loads that are put on anew at the same place differ by this"
     )

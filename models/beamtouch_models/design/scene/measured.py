@@ -36,6 +36,10 @@ class Measured(Strict):
     `NAME_mm_per_n`. Sensors that do not show mm have their unit there, as in `NAME_deflection_uV/V` and
     `NAME_uV/V_per_n`: all that the scene states in `_mm` on what sensors show is in this unit, and `_um` in a
     thousandth of it."""
+    theory: str | None = None
+    """Path of a table of influence by theory, `position_mm` and `NAME_mm_per_n` for each sensor, or its text. It need
+    be right up to a factor for each sensor only, which is fitted to the loads, as is by how much the theory misses
+    them. Few loads are enough then: 4 to 12, at three places or more."""
     length_mm: PositiveFinite | None = None
     """Length of the structure. Default: up to the last load or sensor."""
     sensors_mm: dict[str, Finite] = Field(default_factory=dict)
@@ -47,12 +51,14 @@ class Measured(Strict):
     force is then fitted for each from the same loads, which need two forces or more at some places. `build` writes it
     into the daemon's configuration."""
 
-    @field_validator("influence")
+    @field_validator("influence", "theory")
     @classmethod
-    def _whole(cls, value: str, info: ValidationInfo) -> str:
+    def _whole(cls, value: str | None, info: ValidationInfo) -> str | None:
         """Return the text of the table, in few columns, so that a model holds all of it."""
+        if value is None:
+            return None
         if "\n" in value:
-            return _read(value, "the table").to_csv()
+            return _read(value, "the theory" if info.field_name == "theory" else "the table").to_csv()
         path = Path((info.context or {}).get(FOLDER, ".")) / value
         return _read(_content_of(path), value).to_csv()
 
@@ -65,6 +71,8 @@ class Measured(Strict):
             raise ValueError(f"sensors_mm lacks {missing[0]}; state all, or none")
         if self.curved and self.loads.is_per_newton:
             raise ValueError("curved needs a table of loads, as one of influence has no forces; or leave it out")
+        if self.theory is not None:
+            self._check_theory(_read(self.theory, "the theory"))
         places = list(self.sensors_mm.values())
         if twice := [place for place in places if places.count(place) > 1]:
             raise ValueError(f"sensors_mm has {twice[0]:g} mm twice; two sensors cannot share a position")
@@ -78,6 +86,23 @@ class Measured(Strict):
                 f"sensors_mm: {below[0]} stands at {self.sensors_mm[below[0]]:g} mm; count from the left end"
             )
         return self
+
+    def _check_theory(self, theory: MeasuredLoads) -> None:
+        """Raise ValueError unless a theory is of the sensors and of the places of the table."""
+        if not theory.is_per_newton:
+            raise ValueError(
+                "theory has forces; it is a table of influence, with the columns position_mm, NAME_mm_per_n"
+            )
+        if missing := [name for name in self.loads.names if name not in theory.names]:
+            raise ValueError(
+                f"theory has no column {missing[0]}_mm_per_n; add it, or take {missing[0]} out of the loads"
+            )
+        low, high = float(theory.position_mm.min()), float(theory.position_mm.max())
+        if beyond := [place for place in self.loads.position_mm.tolist() if not low <= place <= high]:
+            raise ValueError(
+                f"theory goes from {low:g} to {high:g} mm, but the table has a load at {beyond[0]:g} mm; "
+                "compute it there, too"
+            )
 
     @property
     def loads(self) -> MeasuredLoads:
@@ -136,10 +161,13 @@ def _where_most(loads: MeasuredLoads, length_mm: float) -> dict[str, float]:
 def identity_of_measured(measured: Measured, sensors_mm: Mapping[str, float], error_mm: Sequence[float | None]) -> str:
     """Return the identity of a measured structure with some of its sensors: of its table, and of where they stand.
 
-    `error_mm`, noise and drift of zeros of a sensor, decides how smooth the characteristic of a curved one is.
+    `error_mm`, noise and drift of zeros of a sensor, decides how smooth the characteristic of a curved one is, and how
+    a theory is fitted.
     """
     places = {name: text_of(mm) for name, mm in sensors_mm.items()}
     facts = {"influence": measured.influence, "sensors_mm": places, "curved": measured.curved}
     facts["length_mm"] = text_of(measured.end_mm)
-    facts["error_mm"] = [text_of(mm) for mm in error_mm] if measured.curved else []
+    facts["error_mm"] = [text_of(mm) for mm in error_mm] if measured.curved or measured.theory else []
+    if measured.theory is not None:
+        facts["theory"] = measured.theory
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:DIGITS]
