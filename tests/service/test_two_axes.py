@@ -270,6 +270,22 @@ def test_a_plate_is_commissioned_by_places_of_two_axes() -> None:
     assert all(one["stated_mm"] is None or list(one["stated_mm"]) == ["x", "y"] for one in report["places"])
 
 
+def test_a_beam_and_a_plate_are_commissioned_side_by_side() -> None:
+    bench = Bench(surface_of(), plate(name="press-8"))
+    surfaces: dict[str, Row] = {"press-7": RESTING[:3], "press-8": RESTING}
+    for first in (1, 106):
+        for name, row in surfaces.items():
+            begin_us = START_US + 10_000 * first
+            bench.send(*[row] * 105, surface=name, sequence=first, begin_us=begin_us, every_us=10_000)
+            if first == 1:
+                assert bench.post(b"", f"/surfaces/{name}/commissioning").status_code == 200
+    runs = {name: bench.get(f"/surfaces/{name}/commissioning").json()["run"] for name in surfaces}
+    assert {name: (run["stage"], list(run["at_mm"])) for name, run in runs.items()} == {
+        "press-7": ("press", ["position"]),
+        "press-8": ("press", ["x", "y"]),
+    }
+
+
 def test_swapped_cables_of_a_plate_are_named() -> None:
     report = Plate((0, 2, 1, 3)).commission()
     assert [one["finding"] for one in report["sensors"]] == ["right", "swapped", "swapped", "right"]
