@@ -23,6 +23,8 @@ LENGTH_MM, REST_MM = 500.0, 30.0
 SENSORS = 4
 EFFORT = 0.25
 GOAL_PERCENT, GOAL_BY_THEORY, GOAL_HELD = 1.8, 2.2, (90.0, 98.0)
+CONTACTS_MM = 10.0, 490.0
+"""Range of the contacts: pushes at the very ends are known at most, and not tried."""
 SEEN = 0.006
 """What a sensor must show to tell where it stands: about two standard deviations of a rest."""
 SEEDS = 3
@@ -101,6 +103,13 @@ def theory_of(pushes: Pushes, known: Bools, names: list[str]) -> str:
     return "\n".join([head, *(",".join(f"{value:.6g}" for value in row) for row in rows)])
 
 
+def tried_of(pushes: Pushes, known: Bools) -> Bools:
+    """Return the pushes (pushes,) that are tried: those that are not known, in the range of the contacts."""
+    low, high = CONTACTS_MM
+    tried: Bools = ~known & (pushes.position_mm >= low) & (pushes.position_mm <= high)
+    return tried
+
+
 def estimate(pushes: Pushes, calibrated: Floats, *, by_theory: bool) -> dict[str, float]:
     """Build a model of the pushes at some places; returns its errors on the others."""
     known = np.isin(pushes.position_mm, calibrated)
@@ -113,16 +122,17 @@ def estimate(pushes: Pushes, calibrated: Floats, *, by_theory: bool) -> dict[str
     theory = {"theory": theory_of(pushes, known, names)} if by_theory else {}
     scene = make_scene(
         measured={"influence": table, "length_mm": LENGTH_MM, "curved": True, **theory},
-        contact={"force_n": [5.0, 25.0], "position_mm": [10.0, 490.0]},
+        contact={"force_n": [5.0, 25.0], "position_mm": list(CONTACTS_MM)},
         # Each push has a rest of its own, so that its zero is as well known as the noise says.
         sensors={"noise_mm": noise, "zero_drift_mm": 0.0},
         environment={"drift_um_per_min": 0.0},
     )
     model = resolve(scene).place().build("string", effort=EFFORT)
     order = [names.index(name) for name in model.channels]
-    straight = model.straighten(pushes.shown[~known][:, order])
+    tried = tried_of(pushes, known)
+    straight = model.straighten(pushes.shown[tried][:, order])
     answers = model.estimate(straight.deflection_mm, noise_mm=straight.noise_mm)
-    truth, is_answered = pushes.position_mm[~known], answers["state"] == "contact"
+    truth, is_answered = pushes.position_mm[tried], answers["state"] == "contact"
     low, high = answers["position_low_mm"][is_answered], answers["position_high_mm"][is_answered]
     return {
         "noise": noise,
@@ -143,7 +153,7 @@ def learn(pushes: Pushes, calibrated: Floats) -> dict[str, float]:
     known = np.isin(pushes.position_mm, calibrated)
     trained = np.concatenate([rows for rows, is_known in zip(pushes.rows, known, strict=True) if is_known])
     counts = [len(rows) for rows, is_known in zip(pushes.rows, known, strict=True) if is_known]
-    places = np.repeat(pushes.position_mm[known], counts)
+    places, tried = np.repeat(pushes.position_mm[known], counts), tried_of(pushes, known)
     errors: dict[str, float] = {}
     learners: tuple[tuple[str, Callable[[int], object]], ...] = (
         ("5 nearest neighbours", lambda _: KNeighborsRegressor(5)),
@@ -159,7 +169,7 @@ def learn(pushes: Pushes, calibrated: Floats) -> dict[str, float]:
         off = []
         for seed in range(SEEDS):
             learner = make_pipeline(StandardScaler(), make(seed)).fit(trained, places)
-            off.append(np.abs(learner.predict(pushes.shown[~known]) - pushes.position_mm[~known]).mean())
+            off.append(np.abs(learner.predict(pushes.shown[tried]) - pushes.position_mm[tried]).mean())
         errors[name] = float(np.mean(off))
     return errors
 

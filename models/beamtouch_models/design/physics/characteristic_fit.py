@@ -79,6 +79,11 @@ class Characteristic:
         places, place_of = np.unique(position_mm[is_seen], return_inverse=True)
         levels = [len(np.unique(force_n[is_seen][place_of == index])) for index in range(len(places))]
         if sum(level >= LEVELS for level in levels) < PLACES:
+            if (shown_mm < -SEEN * noise_mm).sum() > is_seen.sum():
+                raise SceneError(
+                    f"measured.curved: {name} shows less than at rest under most loads, and a characteristic grows "
+                    "with the force; change the signs of its column, or leave curved out"
+                )
             raise SceneError(
                 f"measured.curved: {name} shows more than its noise with {LEVELS} forces at fewer than {PLACES} "
                 "places; measure with several forces at each place, or leave curved out"
