@@ -56,10 +56,15 @@ class Outline:
         """Names of the axes."""
         return tuple(self.lengths_mm)
 
+    @property
+    def kind(self) -> str:
+        """What it is the outline of, as messages name it."""
+        return "beam" if self.axes == BEAM_AXES else "plate"
+
     def __str__(self) -> str:
         """Return it in words."""
         lengths = " by ".join(f"{length_mm:.6g}" for length_mm in self.lengths_mm.values())
-        return f"a {'beam' if self.axes == BEAM_AXES else 'plate'} of {lengths} mm"
+        return f"a {self.kind} of {lengths} mm"
 
     def find_miss(self, place: Place) -> str | None:
         """Return the first axis on which an interval misses the structure; None if it reaches it on every axis."""

@@ -106,10 +106,11 @@ class CommissioningRun:
         """Instruction for the current step."""
         if self.is_done:
             return "Every step is done. Read the verdict, and put it on record."
+        kind = self.model.metadata.outline.kind
         if self._finder.stage is Stage.REST:
-            return "Take everything off the beam, and wait until it lies still."
+            return f"Take everything off the {kind}, and wait until it lies still."
         if self._finder.stage is Stage.LIFT:
-            return "Seen. Lift, and wait until the beam lies still."
+            return f"Seen. Lift, and wait until the {kind} lies still."
         if self._finder.stage is Stage.HOLD:
             return "Hold."
         sensors = self.report.sensors

@@ -14,7 +14,7 @@ const LOST = "The service does not answer. Trying again.";
 const MEMORY = "This service keeps its record in memory only: download the result before it stops.";
 const INTRODUCTION =
   "Press above each sensor, then at marks, while the page watches every channel. It takes some three minutes. " +
-  "Tare the sensors first, and take everything off the beam.";
+  "Tare the sensors first, and take everything off.";
 const KINDS = { right: "good", dead: "bad", inverted: "bad", swapped: "bad", gain: "bad", unsure: "unsure", unseen: "unsure" };
 const SIGNS = { good: "good", bad: "bad", unsure: "unknown" };
 

@@ -1,5 +1,7 @@
 // The notes of an answer in words, and which of them are announced at once. No document here.
 
+import { axesOf } from "./places.js";
+
 const UNEXPLAINED = "Something acts on the beam that is not a single contact, or a sensor is wrong";
 const LOOK =
   "Look whether more than one thing touches the beam, whether something is wedged under it, and at the sensors";
@@ -23,18 +25,21 @@ const CHECK = "check-";
  * detail: everything, as one text; lasting: the part that stays as long as its cause; passing: sentences that may
  * come and go from sample to sample; suspect: name of the channel to check first, or null.
  */
-export function noted({ state, quality, degraded_channels: left, notes = [] }) {
+export function noted(contact) {
+  const { state, quality, degraded_channels: left, notes = [] } = contact;
+  const own = (text) => (axesOf(contact).length > 1 ? text.replaceAll("beam", "plate") : text);
   const suspect = notes.find((note) => note.startsWith(CHECK))?.slice(CHECK.length) ?? null;
   const others = notes.filter((note) => !note.startsWith(CHECK));
   const degraded = quality === "degraded" ? [`Degraded: without ${left.join(", ")}`] : [];
   const lasting = [...degraded, ...others.filter((note) => !PASSING[note]).map((note) => LASTING[note] ?? note)];
-  const passing = others.filter((note) => PASSING[note]).map((note) => sentence(note, state));
+  const passing = others.filter((note) => PASSING[note]).map((note) => own(sentence(note, state)));
   if (state !== "unexplained") {
     return { detail: [...lasting, ...passing].join(". "), lasting: lasting.join(". "), passing, suspect };
   }
   const check = suspect === null ? [] : [`Sensor ${suspect} contradicts the others: check it first`];
-  const detail = `${[...check, UNEXPLAINED, LOOK, ...lasting, ...passing].join(". ")}.`;
-  return { detail, lasting: [UNEXPLAINED, ...lasting].join(". "), passing: [...check, ...passing], suspect };
+  const unexplained = own(UNEXPLAINED);
+  const detail = `${[...check, unexplained, own(LOOK), ...lasting, ...passing].join(". ")}.`;
+  return { detail, lasting: [unexplained, ...lasting].join(". "), passing: [...check, ...passing], suspect };
 }
 
 function sentence(note, state) {

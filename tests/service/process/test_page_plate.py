@@ -114,6 +114,10 @@ def test_without_a_correlation_the_intervals_make_a_box(
     seen.page.wait_for_selector("#beam rect.bar", state="attached")
     assert region(seen, "rect.bar") == pytest.approx([2, 2])
     assert "the 95 % intervals of x and y" in seen.text("beam-words")
+    send(service, *[[0.5, 0.0, 0.5, 0.0]] * 5, sequence=10)
+    seen.wait_for_state("unexplained")
+    seen.wait_for_text("detail", "Something acts on the plate")
+    assert "beam" not in seen.text("detail")
 
 
 def test_the_plate_shows_where_to_press(
@@ -126,7 +130,7 @@ def test_the_plate_shows_where_to_press(
     seen.page.click("#commissioning-open")
     seen.page.fill("#commissioning-token", TOKEN)
     seen.page.keyboard.press("Enter")
-    seen.wait_for_text("commissioning-prompt", "Take everything off")
+    seen.wait_for_text("commissioning-prompt", "Take everything off the plate")
     send(service, *[RESTING] * 300, sequence=301)
     seen.wait_for_text("commissioning-prompt", "Press above s1, at x 100 and y 50 mm")
     seen.page.wait_for_selector("#beam circle.target", state="attached")
