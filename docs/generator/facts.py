@@ -8,15 +8,17 @@ from typing import Any
 from prometheus_client.metrics import MetricWrapperBase
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 
+from beamtouch_common.outline import PLATE_AXES
 from beamtouch_common.parts import Parts
 from beamtouch_common.zones import Zone
 from beamtouch_daemon.running.metrics import CountCollector
 from beamtouch_service.api.app import create_app
 from beamtouch_service.metrics.figures import Figures
-from beamtouch_service.outputs.opcua.values import variables_of
+from beamtouch_service.outputs.opcua.values import variable_of, variables_of
 from beamtouch_service.problems import Kind
 from beamtouch_service.record import Recorder
 from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.surfaces.fields import fields_of
 from beamtouch_service.surfaces.surface import Surface
 from schemas import table
 
@@ -38,12 +40,18 @@ def problems() -> str:
 
 
 def opcua_variables() -> str:
-    """Return a table of the variables of a surface over OPC UA."""
-    surface = Surface("NAME", section=SurfaceSection(zones={"ZONE": Zone(from_mm=0, to_mm=1)}))
-    rows: list[tuple[str, ...]] = [
-        (f"`{name}`", variable.kind.name, variable.meaning) for name, variable in variables_of(surface).items()
-    ]
-    return table(("variable", "type", "value"), rows)
+    """Return a table of the variables of a surface over OPC UA, and one of those that only a plate has."""
+    on_beam = variables_of(Surface("NAME", section=SurfaceSection(zones={"ZONE": Zone(from_mm=0, to_mm=1)})))
+    fields = [field for field in fields_of(PLATE_AXES) if field.is_variable and field.name not in on_beam]
+    on_plate = {field.name: variable_of(field) for field in fields}
+    beam, plate = (
+        table(
+            ("variable", "type", "value"),
+            [(f"`{name}`", variable.kind.name, variable.meaning) for name, variable in variables.items()],
+        )
+        for variables in (on_beam, on_plate)
+    )
+    return f"{beam}\n\nA plate has these in place of `position`:\n\n{plate}"
 
 
 def metrics() -> str:
