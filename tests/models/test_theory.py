@@ -82,7 +82,7 @@ def drawn_contacts(seed: int = 4) -> tuple[Floats, Floats]:
     return rng.uniform(15, 485, 600), rng.uniform(2, 10, 600)
 
 
-@pytest.mark.promise("docs/how-to/measured.md", "A theory makes do with a few loads")
+@pytest.mark.promise("docs/how-to/measured.md", "a theory makes do with a few loads")
 def test_six_places_are_enough_for_a_string_whose_theory_is_known() -> None:
     with pytest.raises(InputError, match="the loads are too far apart"):
         resolve(scene_of(theory=None))
