@@ -12,6 +12,7 @@ from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.physics.measured_structure import measured_structure_of
 from beamtouch_models.design.scene import identity_of, parse_scene
 from beamtouch_models.errors import InputError
+from models.calibration_files import write_contacts
 from support.programs.in_process import Command, Refusal
 from support.surfaces.example_scenes import PAPER
 from support.surfaces.tapered_leaf import (
@@ -106,6 +107,16 @@ def test_gains_of_a_measured_structure_are_calibrated(tmp_path: Path, design_sen
     assert after.beam == before.beam
     assert np.abs(np.array(after.departures.gain) / after.departures.rigidity - gain).max() < 0.015
     assert after.departures.position_offset_mm == [0.0] * 4
+    place_mm, force_n = rng.uniform(20, 280, 60), rng.uniform(3, 20, 60)
+    deviation_mm = np.full((60, 4), 0.5 * before.noise.sample_mm)
+    shown = gain * force_n[:, None] * influence(sensors_mm, place_mm) + deviation_mm * rng.normal(size=(60, 4))
+    events = write_contacts(tmp_path / "events.csv", load_model(tmp_path / "leaf.onnx"), shown, deviation_mm)
+    done = design_sensors_roughly(
+        "calibrate", tmp_path / "leaf.onnx", "--events", events, "-o", tmp_path / "calibrated.onnx"
+    )
+    assert done.returncode == 0, done.stderr
+    of_contacts = np.array(load_model(tmp_path / "calibrated.onnx").metadata.departures.gain)
+    assert np.abs(of_contacts / of_contacts.mean() - gain / gain.mean()).max() < 0.03
 
 
 GOOD = loads_csv(16, repeats=0.0)

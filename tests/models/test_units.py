@@ -93,15 +93,20 @@ def test_what_does_not_fit_the_unit_is_refused_in_it(sensors: dict[str, object],
         resolve(change_scene(scene_of(loads_csv(30)), sensors=sensors)).place()
 
 
+LATE = 1.003
+"""Part of a period in which polls of 50 a second follow each other."""
+
+
 def test_recorded_loads_alone_make_a_model_in_their_unit(tmp_path: Path, design_sensors_roughly: Command) -> None:
     rng, rows = np.random.default_rng(2), []
     for load, place in enumerate(np.linspace(10, LENGTH_MM - 10, 30), start=1):
         shown = 10 * influence(GAUGES, np.array([place]))[0]
         rows += [
-            f"{load},{place:g},10," + ",".join(f"{value:.5f}" for value in shown + 0.25 * rng.normal(size=len(shown)))
-            for _ in range(6)
+            f"{60 * load + sample * LATE / 50:.5f},{load},{place:g},10,"
+            + ",".join(f"{value:.5f}" for value in shown + 0.25 * rng.normal(size=len(shown)))
+            for sample in range(6)
         ]
-    head = "load,position_mm,force_n," + ",".join(f"{name}_deflection_uV/V" for name in GAUGES_MM)
+    head = "unix_time_s,load,position_mm,force_n," + ",".join(f"{name}_deflection_uV/V" for name in GAUGES_MM)
     (tmp_path / "bar.csv").write_text("\n".join([head, *rows]))
     done = design_sensors_roughly("build", "--loads", tmp_path / "bar.csv", "-o", tmp_path / "bar.onnx")
     assert done.returncode == 0, done.stderr
@@ -109,6 +114,7 @@ def test_recorded_loads_alone_make_a_model_in_their_unit(tmp_path: Path, design_
     built = load_model(tmp_path / "bar.onnx")
     assert built.metadata.unit == "uV/V"
     assert built.metadata.sensor.standoff_mm == 0
+    assert built.metadata.sensor.rate_hz == 50
     in_order = np.array([GAUGES_MM[name] for name in built.channels])  # drawn where they show most
     assert abs(built.estimate(8 * influence(in_order, np.array([300.0])))["position_mm"][0] - 300) < 5
 

@@ -42,7 +42,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     share = rounded(accuracy.error_percent, accuracy.error_standard_error)
     ratio = with_error(accuracy.ratio, accuracy.ratio_standard_error)
     lacks, floor = ", ".join(lacking(metadata, outputs)), metadata.floor
-    bends = f"{'bends' if unit == MM else 'shows'} by up to {digits(metadata.max_deflection_mm, 3)} {unit}"
+    bends = f"{'bends by' if unit == MM else 'shows'} up to {digits(metadata.max_deflection_mm, 3)} {unit}"
     rows = [
         ("model", f"{identity}, estimator {metadata.estimator}, seed {metadata.seed}"),
         _structure(metadata, bends),

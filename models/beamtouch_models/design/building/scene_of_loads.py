@@ -23,6 +23,8 @@ NEAREST_MM, USUAL_MM = 1.0, 3.0
 """Smallest gap of the sensors, and their range."""
 LATENCY_MS, RATE_HZ = 50.0, 100.0
 """Time to an answer, and readings per second where the recording has no times."""
+WHOLE = 0.01
+"""A rate is a whole number if that is not farther off: polls come a little late."""
 
 
 def scene_of_loads(path: Path) -> Scene:
@@ -101,4 +103,8 @@ def _rate_hz(rows: Sequence[Row]) -> float:
         return RATE_HZ
     steps = np.diff(seconds)
     steps = steps[steps > 0]
-    return float(digits(1 / float(np.median(steps)), 3)) if len(steps) else RATE_HZ
+    if not len(steps):
+        return RATE_HZ
+    rate_hz = 1 / float(np.median(steps))
+    whole_hz = round(rate_hz)
+    return float(whole_hz) if abs(whole_hz - rate_hz) <= WHOLE * rate_hz else float(digits(rate_hz, 3))
