@@ -8,7 +8,20 @@ from fastapi.routing import iter_route_contexts
 from service.bench import READ_TOKEN, TOKEN, Bench, kind, surface_of
 
 FILES = (
-    *("answer", "beam", "beam_parts", "commissioning", "curves", "dom", "drawing", "events", "feed", "health"),
+    *(
+        "answer",
+        "beam",
+        "beam_parts",
+        "commissioning",
+        "curves",
+        "dom",
+        "drawing",
+        "events",
+        "feed",
+        "fields",
+        "figures",
+        "health",
+    ),
     *("notes", "page", "places", "plate", "sse", "state", "strip", "tables", "token", "token_form", "zones"),
 )
 NEEDS = {
