@@ -24,8 +24,8 @@ from beamtouch_models.runtime.description import SOUGHT
 
 ROUND = 1
 """Digits of a position of a layout that is only compared."""
-LIMIT_DRAWS, LEAST_DRAWS = 10_000, 256
-"""Usual and smallest number of simulated contacts."""
+LIMIT_DRAWS, LIMIT_DRAWS_OF_PLATE, LEAST_DRAWS = 10_000, 2_000, 256
+"""Usual numbers of simulated contacts of a beam and of a plate, whose limit scatters less, and the smallest."""
 
 
 def run(options: argparse.Namespace) -> Result:
@@ -59,7 +59,8 @@ def _describe(layout: Layout, compared: Compared, seed: int) -> dict[str, Any]:
     if aim.criterion == "eigenvalue-product" and surface.rules.axes == 1:
         gap = largest_gap(surface.influence, surface.rules, layout.positions_mm, aim.leading)
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
-    limit = accuracy_limit(layout.prior, aim.effort.of(LIMIT_DRAWS, LEAST_DRAWS), seed + 1)
+    draws = LIMIT_DRAWS if surface.rules.axes == 1 else LIMIT_DRAWS_OF_PLATE
+    limit = accuracy_limit(layout.prior, aim.effort.of(draws, LEAST_DRAWS), seed + 1)
     failed = limits_with_one_failed(layout.prior, limit, seed + 1, aim.effort)
     score = placement.log_eigenvalue_product
     return {

@@ -40,6 +40,7 @@ from beamtouch_models.design.pricing.prices import effects_of, without_negligibl
 from beamtouch_models.design.pricing.ringing import Ringing, ringing_of
 from beamtouch_models.design.scene import Scene, parse_scene
 from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.scene.tables import MAX_SENSORS
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.filters import Chain
 from beamtouch_models.names import Criterion
@@ -254,6 +255,8 @@ class Surface:
             The noise is 0, the beam deflects too far for the sensors' range, or no layout keeps the rules of sensors.
         """
         scene = self.scene
+        if count is not None and count > MAX_SENSORS:
+            raise SceneError(f"sensors = {count}: give at most {MAX_SENSORS} sensors")
         if self.readings.reading_mm == 0:
             raise SceneError("sensors: with a noise of 0 there are no intervals; state the noise of a reading")
         _sensor_of(scene, self.travel)

@@ -200,10 +200,16 @@ class Prior:
         is_exact = self.errors.noise_mm < EXACT_BELOW * self.largest_mm
         return self.influence_at(place_mm) if is_exact else self.influence_table(place_mm)
 
-    def influence_on_grid(self, ticks_mm: Sequence[Floats]) -> Floats:
-        """Return `influence_within_noise` at all places whose coordinates are among those of each axis."""
-        is_exact = self.errors.noise_mm < EXACT_BELOW * self.largest_mm
-        return self.influence_at(grid_of(list(ticks_mm))) if is_exact else self.influence_table.on_grid(ticks_mm)
+    def influence_in(self, ticks_mm: Sequence[Floats]) -> tuple[Floats, Floats | None]:
+        """Return `influence_within_noise` and its variance on grids, (grids, places, channels) each.
+
+        `ticks_mm` are the coordinates along each axis, arrays (grids, ticks).
+        """
+        variance = None if self.variance_table is None else self.variance_table.on_grids(ticks_mm)
+        if self.errors.noise_mm >= EXACT_BELOW * self.largest_mm:
+            return self.influence_table.on_grids(ticks_mm), variance
+        places = np.concatenate([grid_of(list(ticks)) for ticks in zip(*ticks_mm, strict=True)])
+        return self.influence_at(places).reshape(len(ticks_mm[0]), -1, self.channels), variance
 
     def without(self, *missing: int) -> Self:
         """Return the prior of the surface without some channels; `measured` remains that of all."""

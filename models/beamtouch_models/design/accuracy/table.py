@@ -6,11 +6,13 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, NdBSpline, make_interp_spline
 
-from beamtouch_models.arrays import Floats
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.places import Extent, grid_of
 
 NODES = {1: 2001, 2: 64**2}
 """Number of nodes, by the number of axes."""
+DEGREE = 3
+"""Of the splines."""
 
 
 class PlaceTable:
@@ -36,16 +38,23 @@ class PlaceTable:
         values: Floats = self._line(place_mm[..., 0]) if len(self._ticks) == 1 else self._surface(place_mm)
         return values if self._least == -np.inf else np.maximum(values, self._least)
 
-    def on_grid(self, ticks_mm: Sequence[Floats]) -> Floats:
-        """Return the values at all places whose coordinates are among those of each axis, as `grid_of` orders them."""
-        if len(self._ticks) == 1:
-            return self(grid_of(list(ticks_mm)))
+    def on_grids(self, ticks_mm: Sequence[Floats]) -> Floats:
+        """Return the values on grids, (grids, places, columns), each in the order of `grid_of`.
+
+        `ticks_mm` are the coordinates along each of two axes, arrays (grids, ticks).
+        """
         surface = self._surface
-        values: Floats = surface.c
-        for axis, (ticks, knots) in enumerate(zip(ticks_mm, surface.t, strict=True)):
-            basis = BSpline.design_matrix(ticks, knots, 3).toarray()
-            values = np.moveaxis(np.tensordot(basis, values, (1, axis)), 0, axis)
-        values = np.reshape(values, (-1, values.shape[-1]))
+        (across, first), (beside, second) = (
+            _basis(ticks, knots) for ticks, knots in zip(ticks_mm, surface.t, strict=True)
+        )
+        # Of the nodes, only those that a grid needs.
+        near: Floats = surface.c[first[:, :, None], second[:, None, :]]
+        grids, columns = len(near), near.shape[-1]
+        rows = across @ near.reshape(*near.shape[:2], -1)
+        rows = rows.reshape(grids, -1, near.shape[2], columns).transpose(0, 2, 1, 3)
+        values = beside @ rows.reshape(grids, near.shape[2], -1)
+        values = values.reshape(grids, beside.shape[1], -1, columns).transpose(0, 2, 1, 3)
+        values = values.reshape(grids, -1, columns)
         return values if self._least == -np.inf else np.maximum(values, self._least)
 
     def slope(self, place_mm: Floats) -> Floats:
@@ -65,4 +74,17 @@ class PlaceTable:
             spline = make_interp_spline(ticks, np.moveaxis(values, axis, 0))
             knots.append(spline.t)
             values = np.moveaxis(spline.c, 0, axis)
-        return NdBSpline(tuple(knots), values, 3)
+        return NdBSpline(tuple(knots), values, DEGREE)
+
+
+def _basis(ticks_mm: Floats, knots: Floats) -> tuple[Floats, Indices]:
+    """Return the weights (grids, ticks, nodes) of nodes at ticks (grids, ticks), and these nodes (grids, nodes)."""
+    basis = BSpline.design_matrix(ticks_mm.ravel(), knots, DEGREE)
+    shape = (*ticks_mm.shape, DEGREE + 1)
+    node, weight = basis.indices.reshape(shape), basis.data.reshape(shape)
+    first = node.min(axis=(1, 2))
+    away = node - first[:, None, None]
+    weights = np.zeros((*ticks_mm.shape, int(away.max()) + 1))
+    np.put_along_axis(weights, away, weight, axis=2)
+    nodes = np.minimum(first[:, None] + np.arange(weights.shape[2]), basis.shape[1] - 1)
+    return weights, nodes

@@ -42,6 +42,11 @@ GRID, ACROSS, CANDIDATES = 40, 8, 2000
 """Steps of the grid of sensors along the longer side, and at least along the shorter one if that does not make more
 than so many places, unless the scene states a grid."""
 MAX_SENSOR_PLACES = 10_000
+KEPT = 2
+"""Sets of sensors whose influence is kept: a placement asks for that of all candidates under ever other loads. A set of
+the usual CANDIDATES takes 50 MB; larger ones are not kept."""
+FEWER = 8
+"""Sensors over loads from which on the influence comes from the loads by reciprocity."""
 LOADS = 1200
 """Load places of the influence matrix, about, if contacts lie on all of the plate."""
 
@@ -126,11 +131,11 @@ class SupportedPlate:
 
     def influence(self, sensor_mm: Floats, load_mm: Floats, width_mm: float = 0.0) -> Floats:
         """Return the deflection (loads, sensors) in mm/N; arguments as `influence`."""
-        sensors, loads = self._rows(sensor_mm, 0.0), self._rows(load_mm, width_mm)
-        if sensors.shape[0] <= loads.shape[0]:
-            matrix = loads @ self._fields(sensors)
+        loads = self._rows(load_mm, width_mm)
+        if len(sensor_mm) > CANDIDATES or len(sensor_mm) > FEWER * len(load_mm):
+            matrix = (self._rows(sensor_mm, 0.0) @ self._fields(loads)).T
         else:
-            matrix = (sensors @ self._fields(loads)).T
+            matrix = loads @ _fields_of_sensors(self, sensor_mm.tobytes())
         result: Floats = self.unit_mm_per_n * matrix
         return result
 
@@ -180,6 +185,12 @@ class SupportedPlate:
         solved = lu_solve(self.system, known, check_finite=False)
         forces, motion = solved[:-3], solved[-3:]
         return held - self.pushed @ forces + self.body.rigid @ motion, forces
+
+
+@lru_cache(maxsize=KEPT)
+def _fields_of_sensors(plate: SupportedPlate, sensor_mm: bytes) -> Floats:
+    """Return the unknowns (unknowns, sensors) of a plate under 1 at each sensor, whose places are float64."""
+    return plate._fields(plate._rows(np.frombuffer(sensor_mm).reshape(-1, 2), 0.0))
 
 
 @lru_cache(maxsize=4)
