@@ -149,13 +149,13 @@ def test_errors_and_intervals_along_the_beam_add_up_to_the_means(facts: Facts, w
         (profile.limit_mm, accuracy.limit_percent, accuracy.limit_standard_error),
     ):
         assert abs(curve.mean() / facts.model.metadata.length_mm * 100 - percent) < 5 * error
-    assert profile.whole.held is not None
-    assert profile.whole.held.value == pytest.approx(0.95, abs=0.01)
+    (held,) = profile.whole.held
+    assert held.value == pytest.approx(0.95, abs=0.01)
     assert profile.whole.error_mm.value == pytest.approx(profile.model_mm.mean(), rel=0.1)
     for part, at in ((profile.first, 0), (profile.last, -1)):
         assert part.error_mm.value == pytest.approx(profile.model_mm[at])
-        assert part.held is not None
-        assert with_error(100 * part.held.value, 100 * part.held.standard_error, "±") in words
+        (held,) = part.held
+        assert with_error(100 * held.value, 100 * held.standard_error, "±") in words
 
 
 def test_layouts_are_compared_on_the_same_contacts(facts: Facts, text: str) -> None:

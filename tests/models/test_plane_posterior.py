@@ -19,7 +19,6 @@ from beamtouch_models.places import grid_of
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.session import Answers, runner, stated_mm
 from models.test_two_axes import CORNERS_MM, SIZE_MM, SPRING_N_PER_MM, influence_of, sunk_mm
-from support.surfaces.example_scenes import SCENES
 from support.surfaces.small_model import PLATE_OUTPUTS, write_model
 
 AXES = ("x", "y")
@@ -180,15 +179,10 @@ def test_a_plate_is_built_into_a_model_that_answers_by_axis() -> None:
             ["calibrate", "plate.onnx", "loads.csv", "-o", "fitted.onnx"],
             "plate.onnx: its axes are x and y, and calibrate knows models of one axis only",
         ),
-        (
-            ["trade", "plate.toml", "-o", "out"],
-            "plate.toml: its axes are x and y, and trade knows scenes of one axis only",
-        ),
     ],
 )
 def test_what_knows_one_axis_refuses_a_plate_in_one_line(tmp_path: Path, command: list[str], says: str) -> None:
     write_model(tmp_path, "plate", outputs=PLATE_OUTPUTS)
-    (tmp_path / "plate.toml").write_bytes((SCENES / "plate-on-springs.toml").read_bytes())
     (tmp_path / "loads.csv").write_text("load,x_mm,y_mm,force_n\n1,100,80,5\n", encoding="ascii")
     done = subprocess.run(
         [sys.executable, "-m", "beamtouch_models.cli", *command],

@@ -53,10 +53,6 @@ class _Asked:
 def run(options: argparse.Namespace) -> Result:
     """Build, write the requested files, and return the metadata of the model."""
     asked = _read(options)
-    if options.report and asked.scene.plate is not None:
-        raise SceneError(
-            "--report: the page knows beams only; leave it out, and let `place` and `inspect` say the rest"
-        )
     config: Path | None = options.daemon_config
     # A rebuilt model may replace the old one.
     source: Path = options.loads or options.scene

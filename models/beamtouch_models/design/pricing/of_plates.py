@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.motion import GRAVITY, point_masses, sag_mm
-from beamtouch_models.design.physics.plate import load_places_mm, supported_plate
+from beamtouch_models.design.physics.plate import influence, load_places_mm, supported_plate
 from beamtouch_models.design.pricing.effect import NEGLIGIBLE, Effect, Pricing
 from beamtouch_models.design.pricing.of_solids import contact_width, dynamics
 from beamtouch_models.design.scene import Scene
@@ -21,6 +21,10 @@ from beamtouch_models.numbers import at_least, at_most
 
 MOST_BENT, MUCH_BENT = 0.5, 0.2
 """Deflections over the thickness beyond which a plate is refused, and from which on a price says so."""
+STIFFER = 1.1
+"""Stiffness of a spring, over that stated, of which a price says what it costs."""
+DIFFERENCE = 1e-3
+"""Step of a derivative along an axis, over the length."""
 STRETCH = 0.262
 """By how much of (deflection / thickness)^2 stretching makes the deflection of a round plate smaller that is simply
 supported and free to slide; Timoshenko & Woinowsky-Krieger, Theory of Plates and Shells, 1959, table 82."""
@@ -141,6 +145,49 @@ def _heat(pricing: Pricing) -> Effect:
     return Effect(name, None, "not stated", reason)
 
 
+def springs_off(scene: Scene, plate: Plate) -> Floats:
+    """Return what a spring that is STIFFER than said does to answers, (springs, loads, 3): dx, dy in mm, and dF / F.
+
+    By Castigliano, the flexibility c of a support moves what a sensor shows of a load by R(load) R(sensor) dc, with the
+    reactions R of that support to 1 at either. The answer is that which fits the readings best, with sensors on the
+    supports; those are points on springs.
+    """
+    load_mm = load_places_mm(scene, plate)
+    points = np.array([[one.x_mm, one.y_mm] for one in plate.support_list], dtype=np.float64)
+    flexibility = np.array([1 / (one.stiffness_n_per_mm or math.inf) for one in plate.support_list])
+    shown = influence(plate, points, load_mm)
+    sides = np.stack([shown, shown, shown], axis=2)
+    for axis, length_mm in enumerate(plate.size_mm):
+        step = np.zeros(2)
+        step[axis] = DIFFERENCE * length_mm
+        low, high = (np.clip(load_mm + side * step, 0.0, plate.size_mm) for side in (-1, 1))
+        apart = (high - low)[:, axis]
+        sides[..., axis] = (influence(plate, points, high) - influence(plate, points, low)) / apart[:, None]
+    of_loads, of_sensors = shown / flexibility, influence(plate, points, points) / flexibility
+    less = flexibility * (1 / STIFFER - 1)
+    moved = less[:, None, None] * of_loads.T[:, :, None] * of_sensors.T[:, None, :]
+    off: Floats = np.einsum("lps,nls->nlp", np.linalg.pinv(sides), moved)
+    return off
+
+
+def _springs(pricing: Pricing) -> Effect:
+    """Say what springs do that are stiffer than stated: all alike, or one of them."""
+    name, scene, plate = "spring stiffness", pricing.scene, _plate_of(pricing)
+    if any(support.is_line for support in plate.support_list) or not plate.is_sprung:
+        return Effect(name, 0.0, "out", "not every support is a spring at a point")
+    off = springs_off(scene, plate)
+    together = np.abs(off.sum(axis=0)).mean(axis=0)
+    alone = np.linalg.norm(off[..., :2], axis=2)
+    more = digits(100 * (STIFFER - 1), 2)
+    reason = (
+        f"if all are {more} % stiffer than stated, forces are {digits(100 * together[2], 2)} % too small and places "
+        f"{digits(float(np.hypot(together[0], together[1])), 2)} mm off; if one is, places are "
+        f"{digits(float(alone.mean(axis=1).max()), 2)} mm off on average, and {digits(float(alone.max()), 2)} mm at "
+        "most, with sensors on the springs: measure each spring"
+    )
+    return Effect(name, None, "not stated", reason)
+
+
 def _plate_of(pricing: Pricing) -> Plate:
     plate = pricing.scene.plate
     if plate is None:
@@ -154,5 +201,6 @@ OF_PLATES: tuple[Callable[[Pricing], Effect], ...] = (
     contact_width,
     _self_weight,
     dynamics,
+    _springs,
     _heat,
 )

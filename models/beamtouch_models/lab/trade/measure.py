@@ -104,7 +104,7 @@ class AnswerAtTime:
 
     answer: Answer
     limit_mm: Measurement
-    """Accuracy limit for the mean of all its readings, on a beam at rest."""
+    """Accuracy limit for the mean of all its readings, on a structure at rest."""
 
 
 def numbers_of_sensors(scene: Scene) -> list[int]:
@@ -112,7 +112,9 @@ def numbers_of_sensors(scene: Scene) -> list[int]:
     count, most = scene.count_range
     fewest = scene.fewest
     if count == most:
-        around = max(MIN_SENSORS + 1, count - AROUND, len(scene.sensors.fixed_mm))
+        # Two of a plate leave a curve of places, as a contact has three unknowns.
+        least = MIN_SENSORS + (1 if scene.plate is None else 2)
+        around = max(least, count - AROUND, len(scene.sensors.fixed_mm) + len(scene.sensors.fixed))
         fewest, most = min(count, around), count + 1
         if scene.measured is not None:
             most = min(most, len(scene.measured.loads.names))
@@ -155,7 +157,7 @@ def measure(task: Task) -> MeasuredModel | Failure:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
     return MeasuredModel(
         task,
-        layout.placement.positions_mm,
+        tuple(layout.placement.places),
         surface.noise.reading_mm,
         surface.filter,
         prior.diagonal_mm,
@@ -182,7 +184,7 @@ def follow(model: MeasuredModel) -> list[AnswerAtTime]:
 def inference_times(models: Sequence[MeasuredModel]) -> list[Measurement]:
     """Return the median time of an inference of a single sample in µs, with the standard error of the rounds.
 
-    A graph takes as long for a beam at rest as for a contact: it computes the same.
+    A graph takes as long at rest as for a contact: it computes the same.
     """
     runs = []
     for model in models:

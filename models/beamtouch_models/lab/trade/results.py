@@ -23,7 +23,7 @@ MODEL_HEADINGS = (
 )  # fmt: skip
 MOMENT_HEADINGS = ("since touch, ms", "readings", "sudden touch, mm", "gentle touch, mm", "limit, mm")
 POINT_HEADINGS = ("sensors", "estimator", "readings", "known after, ms", "error, mm")
-MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while the beam rings", "the scene as stated"
+MODEL, LIMIT, RINGING, OWN = "model", "accuracy limit", "while it rings", "the scene as stated"
 ERROR = "mean |position error|, mm"
 
 
@@ -31,6 +31,11 @@ def _small(model: MeasuredModel) -> tuple[str, float]:
     """Return the unit of its noise for people, and how many of it are one of the scene's."""
     small, times = fine_unit(model.task.scene.unit)
     return small.replace("um", "µm"), times
+
+
+def _noun(model: MeasuredModel) -> str:
+    """Return the word for its structure."""
+    return "beam" if model.task.scene.plate is None else "plate"
 
 
 def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
@@ -58,8 +63,8 @@ def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:
         ),
         Table(MOMENT_HEADINGS, [_answer_row(moment) for moment in trade.since_touch], "since a touch"),
         Words(
-            "Mean position error; a sudden touch makes the beam ring, a gentle one does not; limit: of the best "
-            "possible estimator, after a gentle touch"
+            f"Mean position error; a sudden touch makes the {_noun(own)} ring, a gentle one does not; limit: of the "
+            "best possible estimator, after a gentle touch"
         ),
         Table(POINT_HEADINGS, [_point_row(point) for point in trade.front], "the front", text),
         Words(
@@ -116,7 +121,7 @@ def _time_in_words(trade: Trade) -> Iterator[str]:
     first, last, usual = trade.since_touch[0].answer, trade.since_touch[-1].answer, trade.usual.answer
     if usual.ringing_mm is not None:
         yield (
-            f"While the beam rings after a sudden force, the error is {_mm(usual.ringing_mm)} mm after "
+            f"While the {_noun(trade.own)} rings after a sudden force, the error is {_mm(usual.ringing_mm)} mm after "
             f"{digits(usual.since_ms, 3)} ms, instead of {_mm(usual.error_mm)} mm."
         )
     if last is not first:

@@ -43,7 +43,7 @@ class Point:
     model: MeasuredModel
     readings: int
     error_mm: Measurement
-    """Mean |position error| of the answer on a beam that follows a touch at once."""
+    """Mean |position error| of the answer on a structure that follows a touch at once."""
     latency_ms: float
     """Time from a touch to the answer: these readings, the transfer of one, and an inference."""
     periods: int

@@ -12,42 +12,65 @@ from beamtouch_common.units import MM, direction_of, fine
 from beamtouch_models.design.physics.motion import damping_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.scene.plate import Plate
+from beamtouch_models.design.scene.plausible_plate import xy_of
 from beamtouch_models.design.surface import Surface
-from beamtouch_models.places import on_axis
+from beamtouch_models.places import in_rows
 from beamtouch_models.runtime.metadata import Metadata
+
+PLACE_HEADS = (
+    ("sensor", "from the left end", "from the right end", "to the next", "housing"),
+    ("sensor", "x, from the left", "y, from below", "from the right", "from above", "to the nearest"),
+)
+"""Headings of the places of sensors, on a beam and on a plate."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """The position of a sensor."""
+    """The place of a sensor, to the middle of its housing."""
 
     name: str
-    from_left_mm: float
-    """From the left end of the beam to the middle of the housing."""
-    from_right_mm: float
-    to_next_mm: float | None
-    """From middle to middle, to the next sensor on the right; None for the last one."""
-    housing_mm: tuple[float, float]
-    """Both sides of the housing, from the left end."""
+    distances: tuple[str, ...]
+    """In mm, as `PLACE_HEADS` names them. Steps to other sensors are from middle to middle."""
     is_fixed: bool
     """True if the scene put it there."""
 
 
 def places_of(scene: Scene, metadata: Metadata) -> list[Place]:
-    """Return where the sensors stand, from left to right."""
-    half_mm, fixed = scene.sensors.size_mm / 2, set(scene.sensors.fixed_mm)
+    """Return where the sensors stand: on a beam from left to right, on a plate in the order of the channels."""
+    if len(metadata.axes) > 1:
+        return _places_on_plate(scene, metadata)
+    half_mm, fixed, length_mm = scene.sensors.size_mm / 2, set(scene.sensors.fixed_mm), metadata.length_mm
     in_order = sorted(metadata.layout, key=lambda channel: channel.position_mm)
-    steps = [*(after.position_mm - channel.position_mm for channel, after in pairwise(in_order)), None]
+    steps = [*(f"{after.position_mm - channel.position_mm:g}" for channel, after in pairwise(in_order)), "-"]
     return [
         Place(
             channel.name,
-            channel.position_mm,
-            metadata.length_mm - channel.position_mm,
-            step,
-            (channel.position_mm - half_mm, channel.position_mm + half_mm),
-            channel.position_mm in fixed,
+            (f"{at:g}", f"{length_mm - at:g}", step, f"{at - half_mm:g} to {at + half_mm:g}"),
+            at in fixed,
         )
         for channel, step in zip(in_order, steps, strict=True)
+        for at in (channel.position_mm,)
+    ]
+
+
+def _places_on_plate(scene: Scene, metadata: Metadata) -> list[Place]:
+    places_mm, fixed, size_mm = metadata.layout_mm, [xy_of(place) for place in scene.sensors.fixed], metadata.size_mm
+    apart = np.linalg.norm(places_mm[:, None] - places_mm, axis=2) + np.diag(np.full(len(places_mm), np.inf))
+    return [
+        Place(
+            channel.name,
+            (
+                *(f"{at:g}" for at in place),
+                *(f"{length - at:g}" for length, at in zip(size_mm, place, strict=True)),
+                digits(nearest, 4) if np.isfinite(nearest) else "-",
+            ),
+            place in fixed,
+        )
+        for channel, place, nearest in zip(
+            metadata.layout, map(tuple, places_mm.tolist()), apart.min(axis=1).tolist(), strict=True
+        )
     ]
 
 
@@ -76,11 +99,11 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
     extremes_mm = max(moved_mm.max(), 0.0), min(moved_mm.min(), 0.0)
     ends_mm = [sensor.standoff_mm + direction_of(unit) * float(moved) for moved in extremes_mm]
     return [
-        *(_of_beam(scene) if scene.has_beam else _of_measured(scene)),
+        *_of_structure(scene),
         Part(
             "sensors",
             f"{len(metadata.layout)}, all alike",
-            f"housings at most {scene.sensors.size_mm:g} mm wide along the beam",
+            f"housings at most {scene.sensors.size_mm:g} mm wide{'' if scene.plate else ' along the beam'}",
             _source(stated="size_mm" in scene.sensors.model_fields_set),
         ),
         Part(
@@ -92,7 +115,8 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
         Part(
             "gap at rest" if unit == MM else "value at rest",
             f"{digits(sensor.standoff_mm, 3)} {unit}",
-            f"set it with the beam in place; with {metadata.ranges.force_n[1]:g} N lying on it, sensors see "
+            f"set it with the {'plate' if scene.plate else 'beam'} in place; with "
+            f"{metadata.ranges.force_n[1]:g} N lying on it, sensors see "
             f"{digits(min(ends_mm), 3)} to {digits(max(ends_mm), 3)} {unit}",
             "computed" if scene.sensors.standoff_mm is None else "stated",
         ),
@@ -119,8 +143,43 @@ def typeset(value: float, unit: str, count: int = 3) -> str:
     return fine(value, unit, count).replace(" um", " µm")
 
 
-def _of_beam(scene: Scene) -> Iterator[Part]:
-    beam = scene.beam
+def _of_structure(scene: Scene) -> Iterator[Part]:
+    if scene.plate is not None:
+        return _of_plate(scene.plate)
+    return _of_beam(scene.beam) if scene.has_beam else _of_measured(scene)
+
+
+def _of_plate(plate: Plate) -> Iterator[Part]:
+    size = f"{plate.length_x_mm:g} x {plate.length_y_mm:g} x {plate.thickness_mm:g} mm"
+    stiff = f"E = {plate.modulus_gpa:g} GPa, Poisson's ratio {plate.poisson:g}"
+    told = [text for text in (plate.material or "", stiff) if text]
+    yield Part("plate", size, ", ".join(told), "stated")
+    yield Part("supports", f"{len(plate.support_list)}", supports_in_words(plate), "stated")
+    if plate.density_kg_m3 is not None or plate.material is not None:
+        yield _damping(plate)
+
+
+def supports_in_words(plate: Plate) -> str:
+    """Return how a plate is held, those that are alike together."""
+    kinds: dict[str, list[str]] = {}
+    for support in plate.support_list:
+        if support.is_line:
+            at = f"x = {support.x_mm:g}" if support.y_mm is None else f"y = {support.y_mm:g}"
+        else:
+            at = f"({support.x_mm:g}, {support.y_mm:g})"
+        stiffness = support.stiffness_n_per_mm
+        held = "rigid" if stiffness is None else f"springs of {stiffness:g} N/mm"
+        kinds.setdefault(held, []).append(at)
+    return "; ".join(f"{held} at {', '.join(places)} mm" for held, places in kinds.items())
+
+
+def _damping(structure: Beam | Plate) -> Part:
+    damping = f"{digits(100 * damping_of(structure), 2)} %"
+    source = _source(stated=structure.damping_ratio is not None)
+    return Part("damping", damping, "of critical; with less, it rings longer", source)
+
+
+def _of_beam(beam: Beam) -> Iterator[Part]:
     if beam.segments:
         size = f"{beam.length_mm:g} mm long, in {len(beam.segments)} sections"
     elif beam.width_mm is None or beam.thickness_mm is None:
@@ -132,9 +191,7 @@ def _of_beam(scene: Scene) -> Iterator[Part]:
     told = [text for text in (beam.material or "", stiff) if text]
     yield Part("beam", size, ", ".join(told), "stated")
     if beam.density_kg_m3 is not None or beam.material is not None:
-        damping = f"{digits(100 * damping_of(beam), 2)} %"
-        source = _source(stated=beam.damping_ratio is not None)
-        yield Part("damping", damping, "of critical; with less, it rings longer", source)
+        yield _damping(beam)
 
 
 def _of_measured(scene: Scene) -> Iterator[Part]:
@@ -169,7 +226,7 @@ def _of_errors(scene: Scene, readings: ReadingErrors, unit: str) -> Iterator[Par
 
 def shows_mm(surface: Surface, metadata: Metadata) -> float:
     """Return how far beside its place a sensor must stand to move a sample by its noise, under the largest force."""
-    influence, sensor_mm = surface.influence, on_axis(metadata.layout_mm)
+    influence, sensor_mm = surface.influence, in_rows(metadata.layout_mm, len(metadata.axes))
     per_mm = np.sqrt(influence.variance(sensor_mm, influence.place_mm, 1.0)).max()
     return float(metadata.noise.sample_mm / (metadata.ranges.force_n[1] * per_mm)) if per_mm else np.inf
 
@@ -181,7 +238,7 @@ def _mounting(surface: Surface, metadata: Metadata) -> Part:
     return Part(
         "mounting",
         f"± {tolerance_mm:g} mm" if tolerance_mm else "exact",
-        f"places along the beam{shows}: measure where it stands, or calibrate",
+        f"places{'' if surface.scene.plate else ' along the beam'}{shows}: measure where it stands, or calibrate",
         _source(stated="mounting_tolerance_mm" in sensors.model_fields_set),
     )
 
@@ -191,6 +248,6 @@ def _temperature(scene: Scene) -> Part:
     return Part(
         "temperature",
         "constant" if range_k is None else f"{range_k[0]:+g} to {range_k[1]:+g} K",
-        "beside that at which the beam is mounted",
+        f"beside that at which the {'plate' if scene.plate else 'beam'} is mounted",
         _source(stated=range_k is not None),
     )

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from beamtouch_common.digits import digits
+from beamtouch_common.outline import names_of
 from beamtouch_common.units import MM, direction_of
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.building.report.parts import typeset
@@ -14,6 +16,7 @@ from beamtouch_models.design.pricing.walk import walk_of
 from beamtouch_models.design.scene.materials import MATERIALS
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.numbers import at_least, rounded
+from beamtouch_models.places import in_words
 from beamtouch_models.runtime.description import nothing_seen, per_day, unseen
 from beamtouch_models.runtime.force_range import ForceRange
 from beamtouch_models.runtime.metadata import FORCE_OUTPUTS, Metadata, fewest_that_check
@@ -53,6 +56,11 @@ def overload_of(metadata: Metadata) -> Overload:
     return Overload(min(leaves_n, default=np.inf), sensor.standoff_mm / near if touches else np.inf)
 
 
+def noun_of(metadata: Metadata) -> Literal["beam", "plate"]:
+    """Return the word for the structure, whatever it is made of: by its axes."""
+    return "beam" if len(metadata.axes) == 1 else "plate"
+
+
 def _states_force(metadata: Metadata) -> bool:
     return set(FORCE_OUTPUTS) <= set(metadata.golden.answers)
 
@@ -72,7 +80,7 @@ def can(metadata: Metadata, force_error_n: Measurement | None) -> list[str]:
     if metadata.filter.kind == "growing-mean":
         told[0] += ", and the answer sharpens while the load rests"
     if settled is not first:
-        told[0] += f"; {digits(settled.since_ms, 3)} ms after the beam is still, it is as good as stated"
+        told[0] += f"; {digits(settled.since_ms, 3)} ms after the {noun_of(metadata)} is still, it is as good as stated"
     if force_error_n is not None:
         off_n = rounded(force_error_n.value, force_error_n.standard_error)
         told.append(f"It states the force, too: off by {off_n} N on average, where it is {_forces(metadata)}")
@@ -104,19 +112,21 @@ def questions(
 ) -> list[Question]:
     """Return the questions with their answers.
 
-    `ends_mm` are the mean errors in the first and the last stretch of the beam, `middle_mm` that in its middle third,
-    `accepted_mm` what the mean error of `TRIED` contacts exceeds in one of twenty trials.
+    `ends_mm` are the mean errors in the first and the last stretch of a beam, or along the rim and in the corners of a
+    plate, `middle_mm` that in its middle, `accepted_mm` what the mean error of `TRIED` contacts exceeds in one of
+    twenty trials.
     """
+    noun = noun_of(metadata)
     asked = [
         ("What if the force is larger?", _larger(metadata)),
-        ("What happens at the ends?", _ends(metadata, ends_mm, middle_mm)),
-        ("What happens while the beam rings?", _ringing(surface)),
+        (f"What happens {'at the ends' if noun == 'beam' else 'along the rim'}?", _ends(metadata, ends_mm, middle_mm)),
+        (f"What happens while the {noun} rings?", _ringing(surface, noun)),
         ("What if it warms?", _warmth(surface, metadata)),
         ("What if two things touch it, or something long lies on it?", _several(metadata)),
         ("What if a sensor fails, or is knocked?", _failing(metadata)),
         ("What does a false contact mean?", _false(metadata)),
         ("Who calibrates it, and when?", _calibration(metadata)),
-        ("Is the beam strong enough?", _stress(surface, metadata)),
+        (f"Is the {noun} strong enough?", _stress(surface, metadata)),
         ("How sure are these figures?", _figures(surface)),
         ("When do we accept it?", _acceptance(metadata, accepted_mm)),
     ]
@@ -140,8 +150,8 @@ def _larger(metadata: Metadata) -> Iterator[str]:
             "part in the answer."
         )
     if np.isfinite(over.touches_n):
-        yield f"At {digits(over.touches_n, 2)} N, the beam touches a sensor. {_stop(metadata)}"
-    yield "These forces lie on gently: a sudden one bends the beam up to twice as far for a moment."
+        yield f"At {digits(over.touches_n, 2)} N, the {noun_of(metadata)} touches a sensor. {_stop(metadata)}"
+    yield f"These forces lie on gently: a sudden one bends the {noun_of(metadata)} up to twice as far for a moment."
 
 
 def _stop(metadata: Metadata) -> str:
@@ -150,17 +160,29 @@ def _stop(metadata: Metadata) -> str:
     sag_mm = metadata.ranges.force_n[1] * np.array(metadata.influence.mm_per_n).max(axis=0)
     closest = metadata.layout[int(sag_mm.argmax())]
     free, ends = digits(float(sag_mm.max()), 3), digits(sensor.standoff_mm - sensor.range_mm[0], 3)
+    noun, place = noun_of(metadata), in_words(list(metadata.place_of(closest).values()))
     return (
-        f"Put a stop under the beam beside each sensor, {free} to {ends} mm below the beam at rest: "
+        f"Put a stop under the {noun} beside each sensor, {free} to {ends} mm below the {noun} at rest: "
         f"{metadata.ranges.force_n[1]:g} N do not press it down that far, and it stops before that sensor leaves its "
-        f"range. It comes closest at {closest.name}, {closest.position_mm:g} mm; a stop there does not protect the "
+        f"range. It comes closest at {closest.name}, {place} mm; a stop there does not protect the "
         "others."
     )
 
 
 def _ends(metadata: Metadata, ends_mm: Sequence[float], middle_mm: float) -> Iterator[str]:
-    low, high = metadata.ranges.position_mm
     first, last = (digits(mm, 2) for mm in ends_mm)
+    if len(metadata.axes) > 1:
+        yield (
+            f"The mean error is {digits(middle_mm, 2)} mm in the middle, {first} mm along the rim and {last} mm in the "
+            "corners."
+        )
+        ranges = " or ".join(
+            f"{axis} = {low:g} to {high:g} mm"
+            for axis, (low, high) in zip(metadata.axes, metadata.extent.ranges_mm, strict=True)
+        )
+        yield f"Outside {ranges} its answers mean nothing."
+        return
+    low, high = metadata.ranges.position_mm
     yield (
         f"The mean error is {digits(middle_mm, 2)} mm in the middle third, {first} mm at the left end of the range and "
         f"{last} mm at the right one."
@@ -168,10 +190,10 @@ def _ends(metadata: Metadata, ends_mm: Sequence[float], middle_mm: float) -> Ite
     yield f"Outside {low:g} to {high:g} mm its answers mean nothing."
 
 
-def _ringing(surface: Surface) -> Iterator[str]:
+def _ringing(surface: Surface, noun: str) -> Iterator[str]:
     found = surface.ringing
     if found is None:
-        yield "Nobody knows: the scene does not state the mass of the beam."
+        yield f"Nobody knows: the scene does not state the mass of the {noun}."
         return
     assumed = ", if its damping is as assumed" if found.damping_is_assumed else ""
     yield (
@@ -183,13 +205,13 @@ def _ringing(surface: Surface) -> Iterator[str]:
 
 
 def _warmth(surface: Surface, metadata: Metadata) -> Iterator[str]:
-    walk = walk_of(metadata, surface.readings)
+    walk, noun = walk_of(metadata, surface.readings), noun_of(metadata)
     if walk is None:
         yield "It is taken not to matter: the zeros of the sensors do not drift."
     else:
         rate, most = (typeset(size, metadata.unit, 2) for size in (walk.rate_mm_per_min, walk.max_mm))
         yield (
-            f"Zeros that drift by {rate} a minute are followed whenever nothing touches the beam, until they are "
+            f"Zeros that drift by {rate} a minute are followed whenever nothing touches the {noun}, until they are "
             f"{most} from the last tare; then the note "
             "`zeros` asks for another. Drift in one direction takes at least "
             f"{digits(walk.max_mm / walk.rate_mm_per_min, 2)} minutes to get there."
@@ -197,8 +219,8 @@ def _warmth(surface: Surface, metadata: Metadata) -> Iterator[str]:
         yield "While a contact lasts, its interval widens."
     expansion = next((effect for effect in surface.effects if effect.name == "expansion"), None)
     if expansion is not None and expansion.verdict != "out":
-        yield f"The beam cannot lengthen freely: {expansion.reason}."
-    yield "Keep heat from one side away: a beam that is warmer above than below bows."
+        yield f"The {noun} cannot lengthen freely: {expansion.reason}."
+    yield f"Keep heat from one side away: a {noun} that is warmer above than below bows."
 
 
 def _several(metadata: Metadata) -> Iterator[str]:
@@ -226,12 +248,15 @@ def _failing(metadata: Metadata) -> Iterator[str]:
     elif count == checking:
         yield "A sensor that contradicts the others makes contacts `unexplained`; which one it is, so few do not show."
     else:
-        yield "A sensor that is knocked shows when nothing touches the beam: look at it, and tare."
+        yield f"A sensor that is knocked shows when nothing touches the {noun_of(metadata)}: look at it, and tare."
 
 
 def _false(metadata: Metadata) -> Iterator[str]:
     often = per_day(metadata.thresholds.false_contacts_per_day)
-    yield f"While nothing touches the beam, the noise of the sensors alone looks like a touch: {often}, on average."
+    yield (
+        f"While nothing touches the {noun_of(metadata)}, the noise of the sensors alone looks like a touch: {often}, "
+        "on average."
+    )
     yield "A hand, a tool or a cable that touches it counts as a contact, and rightly so."
     yield "`requirements.false_contacts_per_day` asks for fewer; the smallest force that is seen is larger then."
 
@@ -246,10 +271,17 @@ def _calibration(metadata: Metadata) -> Iterator[str]:
         f"The figures hold if that leaves gains to ± {digits(100 * gain, 2)} % and zeros to ± "
         f"{typeset(zero_mm, metadata.unit, 2)}, as standard deviations."
     )
-    yield "Calibrate again after a sensor, a support or the beam has been changed; tare after a knock."
+    yield f"Calibrate again after a sensor, a support or the {noun_of(metadata)} has been changed; tare after a knock."
 
 
 def _stress(surface: Surface, metadata: Metadata) -> Iterator[str]:
+    if surface.scene.plate is not None:
+        yield (
+            f"It moves by up to {digits(surface.travel.largest_mm, 3)} mm and slopes by up to "
+            f"{digits(surface.travel.slope, 2)} rad. Its stress depends on how wide the contact is: that, sudden "
+            "forces, which count twice, fatigue, holes and fastening are yours to check."
+        )
+        return
     if not surface.scene.has_beam:
         yield "Its influence was measured, not computed, so its stress is not known: that is yours to check."
         return
@@ -271,27 +303,30 @@ def _stress(surface: Surface, metadata: Metadata) -> Iterator[str]:
 
 
 def _figures(surface: Surface) -> Iterator[str]:
-    if not surface.scene.has_beam:
+    if not surface.scene.is_computed:
         yield (
             "They are simulated, for a structure that shows what its table of measured loads says, with every place "
             "and force of the ranges equally likely. ± is a standard error of the simulation."
         )
         return
+    noun = "beam" if surface.scene.has_beam else "plate"
     yield (
-        "They are simulated, for a beam, sensors and loads exactly as stated here, with every place and force of the "
-        "ranges equally likely. Nothing was measured on your beam. ± is a standard error of the simulation."
+        f"They are simulated, for a {noun}, sensors and loads exactly as stated here, with every place and force of "
+        f"the ranges equally likely. Nothing was measured on your {noun}. ± is a standard error of the simulation."
     )
 
 
 def _acceptance(metadata: Metadata, accepted_mm: float) -> Iterator[str]:
-    error_mm = metadata.accuracy.error_percent / 100 * metadata.length_mm
+    error_mm = metadata.accuracy.error_percent / 100 * metadata.diagonal_mm
     yield (
-        f"Draw {TRIED} places and forces of these ranges at random, before you see an answer, and press when the beam "
-        f"lies still. Accept if the mean error is at most {at_least(accepted_mm):g} mm (about {digits(error_mm, 2)} mm "
-        "are expected)"
+        f"Draw {TRIED} places and forces of these ranges at random, before you see an answer, and press when the "
+        f"{noun_of(metadata)} lies still. Accept if the mean error is at most {at_least(accepted_mm):g} mm "
+        f"(about {digits(error_mm, 2)} mm are expected)"
     )
-    if "position_low_mm" in metadata.golden.answers:
-        yield f"and at least {MUST_HOLD} of the {TRIED} places lie in their intervals."
-        yield "A surface as stated here fails the first in one of 20 trials, and the second in one of 60."
+    if names_of(metadata.axes[0], "mm")[1] in metadata.golden.answers:
+        each = "" if len(metadata.axes) == 1 else " along each axis"
+        yield f"and at least {MUST_HOLD} of the {TRIED} places lie in their intervals{each}."
+        trials = 60 // len(metadata.axes)
+        yield f"A surface as stated here fails the first in one of 20 trials, and the second in one of {trials}."
     else:
         yield "over all of them. A surface as stated here fails that in one of 20 trials."

@@ -1,0 +1,109 @@
+"""The report of a plate: pictures from above to scale, figures by axis, and no word about a beam."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beamtouch_models import change_scene, read_scene, resolve
+from beamtouch_models.design.building.build import build_model
+from beamtouch_models.design.building.report.page import Facts, gather, page
+from beamtouch_models.design.building.report.plate_pictures import Map, Region, draw_maps, draw_regions
+from beamtouch_models.design.effort import Effort
+from support.pages.tags import Tags
+from support.surfaces.example_scenes import SCENES
+
+pytestmark = pytest.mark.long
+PLACES = [(25.0, 25.0), (25.0, 275.0), (375.0, 25.0), (375.0, 275.0)]
+
+
+@pytest.fixture(scope="module")
+def facts() -> Facts:
+    few = {"grid_mm": 50, "fixed": [{"x_mm": x, "y_mm": y} for x, y in PLACES[:1]]}
+    kept_out = [{"x_mm": [150.0, 250.0], "y_mm": [100.0, 200.0]}]
+    scene = change_scene(read_scene(SCENES / "plate-on-springs.toml"), sensors=few | {"keep_out": kept_out})
+    layout = resolve(scene).layout(PLACES)
+    built = build_model(replace(layout, aim=replace(layout.aim, effort=Effort(0.01))), "table")
+    return gather(built, lambda _doing, _done: None)
+
+
+@pytest.fixture(scope="module")
+def text(facts: Facts) -> str:
+    return page(facts)
+
+
+def test_the_report_of_a_plate_is_complete_and_speaks_of_no_beam(facts: Facts, text: str) -> None:
+    tags = Tags(text)
+    words = " ".join(" ".join(tags.text).split())
+    figures = tags.of("svg")
+    assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 5
+    assert all(figure["role"] == "img" and len(figure["aria-label"]) > 30 for figure in figures)
+    assert not re.search(r"\b(nan|inf|None)\b", words)
+    assert not re.search(r"\bbeams?\b|left end|middle third", words.split("Origin")[0])
+    assert "A plate of 400 by 300 mm over 4 sensors" in words
+    assert "x = 10 to 390 mm and y = 10 to 290 mm from its lower left corner" in words
+    assert "s1 (fixed) 25 25 375 275 250" in words
+    assert "springs of 15 N/mm at (0, 0), (0, 300), (400, 0), (400, 300) mm" in words
+    for axis in range(2):
+        share = facts.profile.whole.held[axis]
+        assert abs(share.value - 0.95) < 0.03
+
+
+def test_layout_and_keep_outs_are_drawn_to_one_scale(text: str) -> None:
+    drawing = re.findall(r"<svg.*?</svg>", text, re.DOTALL)[0]
+    sensors = np.array(
+        re.findall(r'<circle class="sensor[^>]* cx="([\d.]+)" cy="([\d.]+)" r="([\d.]+)"', drawing), float
+    )
+    px = (sensors[2, 0] - sensors[0, 0]) / 350
+    assert (sensors[0, 1] - sensors[1, 1]) / 250 == pytest.approx(px, rel=0.01)
+    assert sensors[:, 2] == pytest.approx(6 * px, abs=0.06)
+    x, y, width, height = (
+        float(value)
+        for value in re.findall(
+            r'<rect class="keepout[^>]* x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"', drawing
+        )[0]
+    )
+    assert (width, height) == pytest.approx((100 * px, 100 * px), rel=0.01)
+    assert (x - sensors[0, 0], sensors[0, 1] - y - height) == pytest.approx((125 * px, 75 * px), abs=0.2)
+
+
+def test_parts_of_the_map_add_up_to_the_mean_error(facts: Facts) -> None:
+    profile = facts.profile
+    mean_mm = facts.model.metadata.accuracy.error_percent / 100 * 500
+    assert np.nanmean(profile.model_mm) == pytest.approx(mean_mm, rel=0.25)
+    assert profile.model_mm.shape == profile.limit_mm.shape == (8 * 6,)
+
+
+@pytest.mark.parametrize(
+    ("deviation_mm", "correlation", "half_mm"),
+    [((3.0, 2.0), 0.0, (7.342, 4.895)), ((2.0, 2.0), 0.6, (6.191, 3.096)), ((2.0, 2.0), -0.6, (6.191, 3.096))],
+)
+def test_a_region_of_95_percent_is_the_ellipse_of_chi_square(
+    deviation_mm: tuple[float, float], correlation: float, half_mm: tuple[float, float]
+) -> None:
+    """The root of 5.991 times the eigenvalues of the covariance; of equal deviations s, these are s^2 (1 +- r)."""
+    long_mm, short_mm, angle = Region((200, 150), 10, deviation_mm, correlation).semi_axes_mm
+    assert (long_mm, short_mm) == pytest.approx(half_mm, abs=2e-3)
+    slant = np.degrees(angle) % 180
+    assert slant == pytest.approx({0.0: 0, 0.6: 45, -0.6: 135}[correlation], abs=1e-6)
+
+
+def test_maps_put_the_first_value_at_the_lower_left_and_say_where_nothing_is() -> None:
+    edges = (np.array([0.0, 200, 400]), np.array([0.0, 150, 300]))
+    picture = draw_maps([Map("mm", edges, np.array([1.0, 2, 3, np.nan]))], (400, 300), "four parts")
+    numbers = re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([\d-]+)<', picture)
+    at = {number: (float(x), float(y)) for x, y, number in numbers}
+    assert at["1"][0] == at["2"][0] < at["3"][0] == at["-"][0]
+    assert at["1"][1] == at["3"][1] > at["2"][1] == at["-"][1]
+    shades = [float(opacity) for opacity in re.findall(r'opacity="([\d.]+)"', picture)]
+    assert shades == sorted(shades)
+    assert len(shades) == 3
+
+
+def test_regions_are_drawn_larger_by_the_factor_that_is_returned() -> None:
+    picture, times = draw_regions([Region((200, 150), 10, (1.0, 0.5), 0.0)], (400, 300), "a region")
+    half_px = float(re.findall(r'rx="([\d.]+)"', picture)[0])
+    (width,) = re.findall(r'<rect class="frame[^>]* width="([\d.]+)"', picture)
+    assert half_px == pytest.approx(times * 2.4477 * float(width) / 400, rel=0.01)
+    assert times == 10
