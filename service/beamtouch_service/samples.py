@@ -66,7 +66,7 @@ class Note(StrEnum):
         return note
 
     OVERLOAD = "overload", 0, "the force is beyond the range of the scene"
-    UNSTEADY = "unsteady", 1, "the beam moves, or one sample does not settle the state"
+    UNSTEADY = "unsteady", 1, "the surface moves, or one sample does not settle the state"
     UNCHECKED = "unchecked", 2, "too few channels work to tell a single contact from anything else"
     RATE = "rate", 3, "the device does not keep its rate"
     NOISE = "noise", 4, "the daemon states another noise than the model was made for"

@@ -15,7 +15,7 @@ import pytest
 from beamtouch_models import cli, runtime
 from support.pages.tags import Tags
 from support.programs.in_process import Refusal
-from support.surfaces.example_scenes import PAPER, ROUGH
+from support.surfaces.example_scenes import PAPER, ROUGH, SCENES
 
 pytestmark = pytest.mark.long
 MAX_RATIO = 1.2
@@ -184,3 +184,21 @@ def test_the_choice_is_the_most_accurate_that_answers_in_time(traded: Traded) ->
     assert last.endswith(f" mm, {best['latency_ms']:.3g} ms")
     built = runtime.load(path).metadata
     assert (built.estimator, len(built.layout)) == (best["estimator"], best["sensors"])
+
+
+@pytest.mark.soak
+def test_a_plate_is_traded_by_sensors_noise_and_time(tmp_path: Path) -> None:
+    scene, out = tmp_path / "table.toml", tmp_path / "out"
+    text = (SCENES / "plate-on-springs.toml").read_text(encoding="utf-8")
+    scene.write_text(text.replace("count = 4", "count = 4\ngrid_mm = 50"), encoding="utf-8")
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert cli.main(["trade", str(scene), "-o", str(out), "--draws", "200", "--effort", str(ROUGH)]) == 0
+    found = json.loads((out / "trade.json").read_text(encoding="utf-8"))
+    own, *others = found["models"]
+    errors_mm = {(one["changed"], one["sensors"]): one["error_mm"] for one in others}
+    assert errors_mm["sensors", 3] > own["error_mm"] > errors_mm["sensors", 5]
+    assert all(one["estimator"] == "posterior" for one in found["models"])
+    assert all(len(place) == 2 for one in found["models"] for place in one["positions_mm"])
+    assert max(one["ratio"]["value"] for one in found["models"]) < MAX_RATIO
+    assert "While the plate rings after a sudden force" in " ".join(said.getvalue().split())

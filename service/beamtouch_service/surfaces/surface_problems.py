@@ -81,7 +81,7 @@ def zeros_moved(surface: str) -> Problem:
 
 def unexplained(surface: str, after_s: float, suspect: str | None) -> Problem:
     """Return the problem of a stretch that lasts too long; `suspect` is the channel of `check-NAME`."""
-    look = f"Check sensor {suspect}." if suspect else "Look for a second load and for anything under the beam."
+    look = f"Check sensor {suspect}." if suspect else "Look for a second load and for anything under it."
     detail = f"Neither rest nor a single contact has explained the samples for over {after_s:g} s. {look}"
     return Problem(Kind.UNEXPLAINED, detail, surface, {"suspect": suspect})
 

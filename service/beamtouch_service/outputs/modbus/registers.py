@@ -33,7 +33,7 @@ _HEARTBEAT_PER_S = 10
 STATES: dict[State | Kind, tuple[int, str]] = {
     State.CLEAR: (1, "the beam rests"),
     State.CONTACT: (2, "one contact; position and force hold"),
-    State.UNEXPLAINED: (3, "something acts on the beam that is not one contact, or a sensor is wrong"),
+    State.UNEXPLAINED: (3, "something acts on the surface that is not one contact, or a sensor is wrong"),
     Kind.NO_MODEL: (16, "the surface has no model"),
     Kind.NO_SAMPLES: (17, "no sample has arrived since the service started"),
     Kind.STALE: (18, "the newest sample is older than the limit of the surface (`stale_ms`)"),
