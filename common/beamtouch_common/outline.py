@@ -1,6 +1,6 @@
 """The outline of a structure: its axes with their lengths. Places count from 0 along each axis. Pure."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -15,6 +15,11 @@ PLATE_AXES = ("x", "y")
 def axes_of(count: int) -> tuple[str, ...]:
     """Return the names of one axis or two."""
     return BEAM_AXES if count == 1 else PLATE_AXES
+
+
+def kind_of(axes: Sequence[str]) -> str:
+    """Return the structure that has these axes, as messages name it."""
+    return "beam" if len(axes) == 1 else "plate"
 
 
 @cache
@@ -59,7 +64,7 @@ class Outline:
     @property
     def kind(self) -> str:
         """What it is the outline of, as messages name it."""
-        return "beam" if self.axes == BEAM_AXES else "plate"
+        return kind_of(self.axes)
 
     def __str__(self) -> str:
         """Return it in words."""

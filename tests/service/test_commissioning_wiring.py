@@ -119,7 +119,7 @@ def test_presses_above_all_sensors_show_the_wiring_for_certain(name: str) -> Non
     assert explanation.forces_n == pytest.approx([9, 12, 7, 14], rel=0.12)
     assert explanation.shares == pytest.approx(wiring.signs, abs=0.05)
     found = judge_sensors(explanation, NAMES, {"s3": Quality.SATURATED})
-    sentences = advise(explanation, NAMES, found)
+    sentences = advise(explanation, NAMES, found, "beam")
     assert [sentence[: len(begin)] for sentence, begin in zip(sentences, advice, strict=True)] == advice
 
 
@@ -132,7 +132,7 @@ def test_what_one_press_does_not_tell_apart_is_not_sure() -> None:
     found = judge_sensors(explanation, NAMES, {})
     assert [one.finding for one in found] == [Finding.SWAPPED, Finding.UNSURE, Finding.DEAD, Finding.SWAPPED]
     assert found[1].says == "not sure: moves the wrong way, or moves as s3 should, the wrong way"
-    sentences = advise(explanation, NAMES, found)
+    sentences = advise(explanation, NAMES, found, "beam")
     assert [one.partition(" (")[0] for one in sentences[:2]] == [
         "Not sure about s2",
         "The cables of s1 and s4 are swapped. Swap them back.",
@@ -153,7 +153,7 @@ def test_a_press_during_which_something_else_moves_a_sensor_is_explained_by_no_w
     assert not explanation.is_explained
     found = judge_sensors(explanation, NAMES, {})
     assert {one.finding for one in found} == {Finding.UNSURE}
-    (sentence,) = advise(explanation, NAMES, found)
+    (sentence,) = advise(explanation, NAMES, found, "beam")
     assert sentence.startswith("No wiring explains the presses. Check that each press was above its sensor")
 
 
@@ -164,7 +164,7 @@ def test_a_channel_that_moves_too_little_or_too_much_does_not_pass(channel: int,
     found = judge_sensors(explanation, NAMES, {})
     assert found[channel].finding in {Finding.GAIN, Finding.UNSURE}
     assert f"{100 * explanation.shares[channel]:.0f} %" in found[channel].says
-    assert NAMES[channel] in " ".join(advise(explanation, NAMES, found))
+    assert NAMES[channel] in " ".join(advise(explanation, NAMES, found, "beam"))
 
 
 @pytest.mark.parametrize("faults", [[], [SWAPPED, INVERTED]], ids=["right", "swapped and inverted"])
@@ -243,5 +243,5 @@ def test_of_a_sensor_that_no_press_moves_nothing_is_said() -> None:
     assert explanation.is_explained
     found = judge_sensors(explanation, NAMES[:3], {})
     assert [one.finding for one in found] == [Finding.RIGHT, Finding.RIGHT, Finding.UNSURE]
-    (sentence,) = advise(explanation, NAMES[:3], found)
+    (sentence,) = advise(explanation, NAMES[:3], found, "beam")
     assert "s3: the presses hardly move it" in sentence

@@ -37,7 +37,7 @@ def test_a_second_stretch_does_not_accuse_the_channel_of_the_first(caplog: pytes
     assert (bench.contact()["state"], bench.contact()["notes"]) == ("unexplained", [])
     problem = bench.get("/health/ready?health=true").json()["surfaces"]["press-7"]
     assert problem["suspect"] is None
-    assert problem["detail"].endswith("Look for a second load and for anything under it.")
+    assert problem["detail"].endswith("Look for a second load and for anything under the beam.")
     first, second = caplog.messages
     assert "check sensor s3" in first
     assert "s3" not in second

@@ -6,6 +6,7 @@ from time import monotonic
 from traceback import extract_tb
 
 from beamtouch_common.log_lines import Repeated
+from beamtouch_common.outline import kind_of
 from beamtouch_common.spans import apart, are_apart
 from beamtouch_common.units import MM, fine
 from beamtouch_service.metrics.counts import REFUSALS
@@ -22,9 +23,9 @@ _OUT = {
         "saturated",
         "its counts stand at the end of the ADC: check its wiring, its supply and its gap",
     ),
-    Quality.OUT_OF_RANGE: ("out of range", "check whether the sensor has moved, or something lies on the beam"),
+    Quality.OUT_OF_RANGE: ("out of range", "check whether the sensor has moved, or something lies on the {kind}"),
 }
-"""Words for the way in which a channel is out, and what to look at."""
+"""Words for the way in which a channel of a beam or a plate, its `kind`, is out, and what to look at."""
 
 _log = logging.getLogger(__name__)
 
@@ -76,8 +77,10 @@ class ChangeLog:
         overdue = surface.unexplained.take_overdue()
         if overdue is None:
             return
-        look = "look for a second load, for anything that touches the beam from below, for swapped cables, and for a "
-        look += "damaged sensor"
+        look = (
+            f"look for a second load, for anything that touches the {kind_of(surface.axes)} from below, for swapped "
+            "cables, and for a damaged sensor"
+        )
         if overdue.suspect:
             look = f"check sensor {overdue.suspect}: without it, everything is explained"
         if overdue.shift_mm is not None:
@@ -112,6 +115,7 @@ class ChangeLog:
                 _log.info(words, surface.name, name, out.since)
             else:
                 word, advice = _OUT[out.quality]
+                advice = advice.format(kind=kind_of(surface.axes))
                 words = "surface %s: channel %s has been %s since %s (over %g s); %s"
                 _log.warning(words, surface.name, name, word, out.since, surface.channels_out.after_s, advice)
 

@@ -207,8 +207,9 @@ class CommissioningRun:
     def _judge_wiring(self) -> None:
         sensors = self.report.sensors
         unseen = [one.name for one in sensors if one.finding is Finding.UNSEEN]
-        wiring = advise(self._explanation, self.model.channels, self._findings) if self._explanation else []
-        self.report.verdict = [*advise_unseen(unseen), *wiring]
+        names, kind = self.model.channels, self.model.metadata.outline.kind
+        wiring = advise(self._explanation, names, self._findings, kind) if self._explanation else []
+        self.report.verdict = [*advise_unseen(unseen, kind), *wiring]
 
     def _judge_places(self) -> None:
         sensors, places = self.report.sensors, self.report.places

@@ -74,18 +74,18 @@ def _of(wiring: Wiring, channel: int, names: Sequence[str]) -> SensorFinding:
     return SensorFinding(Finding.INVERTED, _INVERTED) if sign < 0 else SensorFinding(Finding.RIGHT, _RIGHT)
 
 
-def advise_unseen(names: Sequence[str]) -> list[str]:
-    """Return a sentence on the sensors of which no press was seen."""
+def advise_unseen(names: Sequence[str], kind: str) -> list[str]:
+    """Return a sentence on the sensors of which no press was seen, on a beam or a plate, as `kind` says."""
     if not names:
         return []
     return [
         f"The press above {_listed(names)} was not seen. If you did press firmly, check that the daemon reads this "
-        "surface, and that the beam bends there."
+        f"surface, and that the {kind} bends there."
     ]
 
 
-def advise(explanation: Explanation, names: Sequence[str], findings: Sequence[SensorFinding]) -> list[str]:
-    """Return a sentence for each fault of the wiring, with what to do."""
+def advise(explanation: Explanation, names: Sequence[str], findings: Sequence[SensorFinding], kind: str) -> list[str]:
+    """Return a sentence for each fault of the wiring, with what to do; `kind`: beam or plate."""
     wiring, sentences = explanation.wiring, list[str]()
     by_name = dict(zip(names, findings, strict=True))
     if not explanation.is_explained:
@@ -93,7 +93,7 @@ def advise(explanation: Explanation, names: Sequence[str], findings: Sequence[Se
         look = f" Look first at {_listed(off)}: the movement is not in proportion to the others." if off else ""
         return [
             "No wiring explains the presses. Check that each press was above its sensor, that nothing else touched the "
-            f"beam, and that the model is that of this beam.{look}"
+            f"{kind}, and that the model is that of this {kind}.{look}"
         ]
     unsure = [name for name, one in by_name.items() if one.finding is Finding.UNSURE]
     if unsure:

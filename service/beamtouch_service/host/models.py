@@ -125,13 +125,14 @@ class ModelKeeper:
 
         If they state no beam, it must be of the same beam as the model in use.
         """
-        old, new_beam = self.surface.model, model.metadata.beam
+        old, new_beam, kind = self.surface.model, model.metadata.beam, model.metadata.outline.kind
         beam = self.surface.sender_beam or (old.metadata.beam if old else None)
         if beam not in {None, new_beam}:
             whose = "the samples are" if self.surface.sender_beam else "the model in use is"
+            other = "beam" if kind == "beam" else "structure"
             return (
-                f"it is of beam {new_beam}, {whose} of beam {beam}; to switch to another beam, give the daemon the "
-                "configuration that was built with this model, and restart it"
+                f"it is of {kind} {new_beam}, {whose} of {other} {beam}; to switch to another {other}, give the daemon "
+                "the configuration that was built with this model, and restart it"
             )
         offered = self.surface.offered
         missing = [name for name in model.channels if offered is not None and name not in offered]

@@ -8,7 +8,7 @@ from asyncio import Lock
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from beamtouch_common.outline import BEAM_AXES
+from beamtouch_common.outline import BEAM_AXES, kind_of
 from beamtouch_models.runtime import ModelFile
 from beamtouch_service.problems import Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Quality, Sample
@@ -239,7 +239,9 @@ class Surface:
         if Note.ZEROS in view.notes:
             return surface_problems.zeros_moved(self.name)
         if view.totals.unexplained.is_overdue:
-            return surface_problems.unexplained(self.name, self.unexplained.after_s, view.decision.suspect)
+            return surface_problems.unexplained(
+                self.name, kind_of(self.axes), self.unexplained.after_s, view.decision.suspect
+            )
         changed = [name for name, one in (self.channel_health or {}).items() if one.changed]
         return surface_problems.changed_channels(self.name, changed) if changed else None
 

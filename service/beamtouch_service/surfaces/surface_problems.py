@@ -23,13 +23,14 @@ def no_samples(surface: str) -> Problem:
 
 
 def other_beam(surface: str, model: Metadata, sender_beam: str | None) -> Problem:
-    """Return the problem of samples of a beam that the model is not of."""
+    """Return the problem of samples of a beam, or of another structure, that the model is not of."""
+    kind = model.outline.kind
+    other = "beam" if kind == "beam" else "structure"
     each = ((one.name, model.place_of(one).values()) for one in model.layout)
     places = ", ".join(f"{name} {' by '.join(f'{at_mm:g}' for at_mm in place_mm)}" for name, place_mm in each)
     detail = (
-        f"The samples are of beam {sender_beam}, the model is of beam {model.beam}. Give the service the model of "
-        f"{sender_beam}, or the daemon the configuration that was built with this model "
-        f"({model.outline}; {places})."
+        f"The samples are of {other} {sender_beam}, the model is of {kind} {model.beam}. Give the service the model "
+        f"of {sender_beam}, or the daemon the configuration that was built with this model ({model.outline}; {places})."
     )
     return Problem(Kind.OTHER_BEAM, detail, surface, {"sender_beam": sender_beam, "model_beam": model.beam})
 
@@ -79,9 +80,15 @@ def zeros_moved(surface: str) -> Problem:
     return Problem(Kind.ZEROS_MOVED, detail, surface)
 
 
-def unexplained(surface: str, after_s: float, suspect: str | None) -> Problem:
-    """Return the problem of a stretch that lasts too long; `suspect` is the channel of `check-NAME`."""
-    look = f"Check sensor {suspect}." if suspect else "Look for a second load and for anything under it."
+def unexplained(surface: str, kind: str, after_s: float, suspect: str | None) -> Problem:
+    """Return the problem of a stretch on a beam or a plate that lasts too long.
+
+    Parameters
+    ----------
+    kind : beam or plate
+    suspect : the channel of `check-NAME`
+    """
+    look = f"Check sensor {suspect}." if suspect else f"Look for a second load and for anything under the {kind}."
     detail = f"Neither rest nor a single contact has explained the samples for over {after_s:g} s. {look}"
     return Problem(Kind.UNEXPLAINED, detail, surface, {"suspect": suspect})
 
