@@ -71,7 +71,7 @@ def test_a_wrong_plate_is_refused_in_one_line(tables: dict[str, Any], message: s
 @pytest.mark.parametrize(
     ("count", "force_n", "told"),
     [
-        (1, [2, 20], "one sensor does not tell x, y and force of a contact on a plate; use 3 or more"),
+        (1, [2, 20], "one sensor does not tell x, y and force of a contact; use 3 or more"),
         (2, [2, 20], "2 sensors do not tell x, y and force"),
         (3, [2, 20], ""),
         (1, 5, "one sensor does not tell x and y of"),

@@ -53,6 +53,12 @@ class _Asked:
 def run(options: argparse.Namespace) -> Result:
     """Build, write the requested files, and return the metadata of the model."""
     asked = _read(options)
+    is_plane = len(asked.scene.contact.ranges_mm) > 1
+    if options.report and is_plane and asked.scene.measured is not None:
+        raise SceneError(
+            "--report: the page knows measured structures of one axis only; leave it out, and let `place` and "
+            "`inspect` say the rest"
+        )
     config: Path | None = options.daemon_config
     # A rebuilt model may replace the old one.
     source: Path = options.loads or options.scene
@@ -74,7 +80,7 @@ def run(options: argparse.Namespace) -> Result:
         write_products(built, model=options.output, config=config, report=options.report, progress=progress)
     if config is not None:
         files = source, options.output, write_token_if_absent(config.parent), config
-        has_rig = asked.scene.plate is None  # it plays structures of one axis
+        has_rig = not is_plane  # it plays structures of one axis
         told = how_to_try(*(shlex.quote(str(path)) for path in files), is_recorded=bool(options.loads), has_rig=has_rig)
         print(told, file=sys.stderr)
     surface, metadata = layout.surface, built.metadata

@@ -100,7 +100,7 @@ class Layout:
         if measured is None:
             return {f"s{number}": place for number, place in enumerate(places, start=1)}
         names = {place: name for name, place in measured.places_mm.items()}
-        return {names[position]: position for position in self.placement.positions_mm}
+        return {names[place]: place for place in places}
 
     @cached_property
     def prior(self) -> Prior:
@@ -308,6 +308,8 @@ def layout_at(surface: Surface, positions_mm: ArrayLike) -> Layout:
         raise SceneError(f"positions_mm: it has {in_words(twice[0])} mm twice; two sensors cannot share a position")
     if away := [place for place in scene.sensors.fixed_mm if place not in places_mm]:
         raise SceneError(f"positions_mm: it lacks {away[0]:g} mm, which is in sensors.fixed_mm of the scene")
+    if lacking := [place for place in map(xy_of, scene.sensors.fixed) if list(place) not in places_mm]:
+        raise SceneError(f"positions_mm: it lacks {in_words(lacking[0])} mm, which is in sensors.fixed of the scene")
     if scene.measured is not None:
         measured_mm = in_rows(list(scene.measured.places_mm.values()), len(size_mm)).tolist()
         if away := [row for row in rows.tolist() if row not in measured_mm]:

@@ -40,12 +40,13 @@ from beamtouch_models.design.pricing.prices import effects_of, without_negligibl
 from beamtouch_models.design.pricing.ringing import Ringing, ringing_of
 from beamtouch_models.design.scene import Scene, parse_scene
 from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.scene.plausible_plate import xy_of
 from beamtouch_models.design.scene.tables import MAX_SENSORS
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.filters import Chain
 from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import at_least, at_most, number, whole
-from beamtouch_models.places import grid_of, on_axis
+from beamtouch_models.places import Place, grid_of, in_rows, on_axis
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.metadata import FilterChoice, Metadata, Noise, Sensor
 
@@ -345,7 +346,7 @@ def readings_of(scene: Scene, max_deflection_mm: float) -> ReadingErrors:
     if scene.measured is None or not scene.measured.curved:
         return readings
     structure, contact = measured_structure_of(scene), scene.contact
-    return readings.scaled(structure.steepest(contact.position_mm, contact.force_range_n))
+    return readings.scaled(structure.steepest(contact.ranges_mm, contact.force_range_n))
 
 
 def held_mm_of(scene: Scene) -> tuple[float, ...]:
@@ -360,8 +361,10 @@ def rules_of(scene: Scene, size_mm: Floats) -> LayoutRules:
     """
     sensors = scene.sensors
     if scene.measured is not None:
-        allowed_mm = np.sort(list(scene.measured.places_mm.values()))
-        return LayoutRules(on_axis(allowed_mm), np.searchsorted(allowed_mm, np.unique(sensors.fixed_mm)), 0.0)
+        places = sorted(scene.measured.places_mm.values())
+        stated: list[Place] = [*sensors.fixed_mm, *map(xy_of, sensors.fixed)]
+        fixed = sorted(places.index(place) for place in stated)
+        return LayoutRules(in_rows(places, len(size_mm)), np.array(fixed, dtype=np.intp), 0.0)
     distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
     if scene.plate is not None:
         return LayoutRules(*places_of_sensors(scene.plate, sensors), distance_mm)

@@ -16,9 +16,9 @@ from scipy.interpolate import CubicSpline
 
 from beamtouch_common.units import MM, direction_of
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.design.accuracy.table import PlaceTable
 from beamtouch_models.design.physics.measured_structure import MeasuredStructure
 from beamtouch_models.design.physics.motion import GRAVITY, M_PER_MM, Following, Modes, beyond_rest, damping_of, swings
+from beamtouch_models.design.physics.place_table import PlaceTable
 from beamtouch_models.design.physics.structure import Structure, changed, influence, structure_of
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam
@@ -129,7 +129,7 @@ class World:
     def _tabled(self, values_at: Callable[[Floats], Floats]) -> Tabled:
         """Return a function of load positions, or of places on a plate, from a table of it."""
         if self.extent.axes > 1:
-            return PlaceTable(self.extent, values_at)
+            return PlaceTable.over(self.extent, values_at)
         loads = np.linspace(*self.extent.range_mm, TABLE)
         line: Tabled = CubicSpline(loads, values_at(loads))
         return line

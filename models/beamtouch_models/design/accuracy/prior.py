@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from beamtouch_common.outline import axes_of
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.design.accuracy.table import PlaceTable
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
+from beamtouch_models.design.physics.place_table import PlaceTable
 from beamtouch_models.places import Extent, grid_of
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.force_range import ForceRange
@@ -183,12 +183,12 @@ class Prior:
     @cached_property
     def influence_table(self) -> PlaceTable:
         """Interpolated influence; beam elements take much longer."""
-        return PlaceTable(self.extent, self.influence_at)
+        return PlaceTable.over(self.extent, self.influence_at)
 
     @cached_property
     def variance_table(self) -> PlaceTable | None:
         """Interpolated variance of the influence; None if the places of the sensors are exact."""
-        return None if self.variance_at is None else PlaceTable(self.extent, self.variance_at, least=0.0)
+        return None if self.variance_at is None else PlaceTable.over(self.extent, self.variance_at, least=0.0)
 
     @cached_property
     def largest_mm(self) -> float:

@@ -29,7 +29,7 @@ def remarks(scene: Scene) -> list[str]:
     if scene.plate is not None:
         return [*_assumed(scene.plate), *_hard(scene, scene.plate), *_too_few(scene)]
     if scene.measured is not None:
-        return [*remarks_on_table(scene.measured, scene.contact)]
+        return [*remarks_on_table(scene.measured, scene.contact), *_too_few(scene)]
     return [*_implausible(scene.beam), *_assumed(scene.beam)] if scene.has_beam else []
 
 
@@ -51,12 +51,14 @@ def _hard(scene: Scene, plate: Plate) -> Iterator[str]:
 
 
 def _too_few(scene: Scene) -> Iterator[str]:
-    """Yield a remark on fewer sensors than a contact on a plate has unknowns."""
+    """Yield a remark on fewer sensors than a contact on two axes has unknowns."""
+    if len(scene.contact.ranges_mm) == 1:
+        return
     weak, strong = scene.contact.force_range_n
     unknowns, least = ("x and y", 2) if strong < KNOWN * weak else ("x, y and force", 3)
     if (most := scene.count_range[1]) < least:
         few = "one sensor does" if most == 1 else f"{most} sensors do"
-        yield f"{few} not tell {unknowns} of a contact on a plate; use {least} or more, and 4 to notice other loads"
+        yield f"{few} not tell {unknowns} of a contact; use {least} or more, and 4 to notice other loads"
 
 
 def _in_words(plate: Plate) -> str:

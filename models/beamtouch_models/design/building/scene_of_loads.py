@@ -11,7 +11,13 @@ from beamtouch_common.units import MM, fine
 from beamtouch_models.design.building.recorded_noise import independent_variance
 from beamtouch_models.design.rows import RecordingError, Row, read_rows
 from beamtouch_models.design.scene import Scene, make_scene
-from beamtouch_models.design.scene.measured_loads import MeasuredLoads, column_of, parse_loads
+from beamtouch_models.design.scene.measured_loads import (
+    MeasuredLoads,
+    column_of,
+    parse_loads,
+    place_columns,
+    rows_of_loads,
+)
 
 FEWEST = 5
 """Samples of a load that tell its noise."""
@@ -45,7 +51,10 @@ def scene_of_loads(path: Path) -> Scene:
         measured={"influence": loads.to_csv()},
         contact={
             "force_n": [min(float(loads.force_n.min()), largest_n / LIGHTER), largest_n],
-            "position_mm": [float(loads.position_mm.min()), float(loads.position_mm.max())],
+            **{
+                column: [float(along.min()), float(along.max())]
+                for column, along in zip(place_columns(loads.axes), loads.place_mm.T, strict=True)
+            },
         },
         sensors={
             "noise_mm": noise_mm,
@@ -66,10 +75,11 @@ def _range_mm(loads: MeasuredLoads) -> list[float]:
 
 def assumed_of(scene: Scene) -> str:
     """Say what the scene of a recording takes from it."""
-    (low, high), (weak, strong) = scene.contact.position_mm, scene.contact.force_range_n
+    weak, strong = scene.contact.force_range_n
+    places = " by ".join(f"{low:g} to {high:g}" for low, high in scene.contact.ranges_mm)
     noise, rate_hz = fine(scene.sensors.noise_mm or 0.0, scene.unit), scene.sensors.rate_hz
     return (
-        f"taken from the loads: contacts at {low:g} to {high:g} mm with {digits(weak, 3)} to {digits(strong, 3)} N, "
+        f"taken from the loads: contacts at {places} mm with {digits(weak, 3)} to {digits(strong, 3)} N, "
         f"{noise} of noise in each of {digits(rate_hz, 3)} samples a second; `design-sensors inspect` shows all, "
         "and a scene with [measured] states it otherwise"
     )
@@ -77,12 +87,10 @@ def assumed_of(scene: Scene) -> str:
 
 def _noise_mm(rows: Sequence[Row], loads: MeasuredLoads, path: Path) -> float:
     """Return the noise of a reading from the samples within loads; RecordingError if loads have too few."""
-    numbers = np.array([row.load() if row.cells.get("load") else -index for index, row in enumerate(rows, start=1)])
     series = []
-    for load in np.unique(numbers):
-        own = [row for row, number in zip(rows, numbers, strict=True) if number == load]
+    for own in rows_of_loads(rows).values():
         for name in loads.names:
-            good = [row for row in own if row.cells.get(f"{name}_quality", "good") == "good"]
+            good = [rows[index] for index in own if rows[index].cells.get(f"{name}_quality", "good") == "good"]
             shown = np.array([row.number_in(column_of(name, loads.unit)) for row in good])
             if len(shown) >= FEWEST:
                 series.append(shown)

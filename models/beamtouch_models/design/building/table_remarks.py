@@ -9,6 +9,7 @@ from beamtouch_common.units import MM
 from beamtouch_models.design.scene.measured import Measured
 from beamtouch_models.design.scene.measured_loads import MeasuredLoads
 from beamtouch_models.design.scene.tables import Contact
+from beamtouch_models.places import Place, in_words
 
 MUCH, LITTLE_MM = 0.1, 0.005
 """A structure that bends by more than this part of its length, or by less than this, was probably stated in another
@@ -21,7 +22,7 @@ def remarks_on_table(measured: Measured, contact: Contact) -> Iterator[str]:
     """Yield what to look at again in a table, and which places of sensors are guessed."""
     loads = measured.loads
     if loads.unit == MM:
-        yield from _on_size(loads, measured.end_mm, contact.force_range_n[1])
+        yield from _on_size(loads, max(measured.size_mm), contact.force_range_n[1])
         shown = loads.influence_mm_per_n
         if (np.nanmax(shown, axis=0) < -np.nanmin(shown, axis=0)).all():
             yield (
@@ -32,7 +33,7 @@ def remarks_on_table(measured: Measured, contact: Contact) -> Iterator[str]:
         yield from _on_forces(loads, contact)
         yield from _on_copies(loads)
     if not measured.sensors_mm:
-        places = ", ".join(f"{name} {digits(place, 4)}" for name, place in measured.places_mm.items())
+        places = ", ".join(f"{name} {_rounded(place)}" for name, place in measured.places_mm.items())
         yield (
             "the table does not say where sensors stand, so each is drawn where it shows most: "
             f"{places} mm; answers do not depend on it, but drawings and the order of sensors do; state "
@@ -68,11 +69,17 @@ def _on_forces(loads: MeasuredLoads, contact: Contact) -> Iterator[str]:
 
 def _on_copies(loads: MeasuredLoads) -> Iterator[str]:
     """Yield a doubt about loads that are equal to the last digit."""
-    rows = np.column_stack([loads.position_mm, loads.force_n, loads.deflection_mm])
+    rows = np.column_stack([loads.place_mm, loads.force_n, loads.deflection_mm])
     _, first, times = np.unique(rows, axis=0, return_index=True, return_counts=True)
     if (times > 1).any():
-        place, force = rows[first[times > 1].min(), :2]
+        copied = first[times > 1].min()
+        load = f"{in_words(loads.place_mm[copied])} mm with {loads.force_n[copied]:g} N"
         yield (
-            f"{int(times.max())} loads at {place:g} mm with {force:g} N are equal to the last digit, as copied rows "
+            f"{int(times.max())} loads at {load} are equal to the last digit, as copied rows "
             "are; if they are copies, take them out: they hide how well loads repeat"
         )
+
+
+def _rounded(place: Place) -> str:
+    """Return a place to four digits."""
+    return in_words([float(digits(number, 4)) for number in np.atleast_1d(place)])

@@ -123,7 +123,7 @@ def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
 
 def load_positions_mm(scene: Scene) -> Floats:
     """Return the load positions of the influence matrix of a scene's beam."""
-    return even_loads_mm(scene.contact.position_mm, scene.beam.length_mm)
+    return even_loads_mm(scene.contact.ranges_mm, scene.size_mm)
 
 
 def sensor_positions_mm(sensors: Sensors, length: float, held_mm: Sequence[float]) -> Floats:

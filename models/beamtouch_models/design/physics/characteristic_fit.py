@@ -67,8 +67,8 @@ class Characteristic:
     """(points,)"""
 
     @classmethod
-    def fit(cls, name: str, position_mm: Floats, force_n: Floats, shown_mm: Floats, noise_mm: float) -> Self:
-        """Fit the characteristic of a sensor to known loads (loads,).
+    def fit(cls, name: str, place_mm: Floats, force_n: Floats, shown_mm: Floats, noise_mm: float) -> Self:
+        """Fit the characteristic of a sensor to known loads (loads,), whose places are (loads, axes).
 
         Raises
         ------
@@ -76,7 +76,7 @@ class Characteristic:
             The loads do not tell it; the message says which are missing.
         """
         is_seen = shown_mm > SEEN * noise_mm
-        places, place_of = np.unique(position_mm[is_seen], return_inverse=True)
+        places, place_of = np.unique(place_mm[is_seen], axis=0, return_inverse=True)
         levels = [len(np.unique(force_n[is_seen][place_of == index])) for index in range(len(places))]
         if sum(level >= LEVELS for level in levels) < PLACES:
             if (shown_mm < -SEEN * noise_mm).sum() > is_seen.sum():
@@ -154,7 +154,7 @@ class Characteristic:
 
 
 def mean_at_places(
-    position_mm: Floats,
+    place_mm: Floats,
     force_n: Floats,
     shown_mm: Floats,
     characteristics: Sequence[Characteristic],
@@ -164,17 +164,17 @@ def mean_at_places(
 
     Parameters
     ----------
-    position_mm, force_n, shown_mm : known loads, (loads,), (loads,) and (loads, sensors)
+    place_mm, force_n, shown_mm : known loads, (loads, axes), (loads,) and (loads, sensors)
     characteristics, noise_mm : of the sensors, and how far what one shows may be off
 
     Returns
     -------
-    Places (places,), means (places, sensors), NaN where a sensor shows only what is beyond its characteristic, and by
-    what part of it each sensor (sensors,) differs from load to load beyond its noise.
+    Places (places, axes), means (places, sensors), NaN where a sensor shows only what is beyond its characteristic, and
+    by what part of it each sensor (sensors,) differs from load to load beyond its noise.
     """
     straight = np.column_stack([one.straighten(shown) for one, shown in zip(characteristics, shown_mm.T, strict=True)])
     slope = np.column_stack([one.slope(shown) for one, shown in zip(characteristics, shown_mm.T, strict=True)])
-    places, place_of = np.unique(position_mm, return_inverse=True)
+    places, place_of = np.unique(place_mm, axis=0, return_inverse=True)
     there: Bools = np.isfinite(straight)
     value = np.where(there, straight, 0.0) / force_n[:, None]
     deviation = noise_mm * slope / force_n[:, None]

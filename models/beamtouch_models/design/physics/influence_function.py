@@ -6,7 +6,7 @@ newton there, how that changes along each axis, and how uncertain it is.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -22,6 +22,8 @@ EVEN = 1e-6
 """Largest difference between the steps of even load positions, relative to a step."""
 LOADS = 400
 """Steps of load positions over the length of a structure, as in the paper."""
+PLATE_LOADS = 1200
+"""Loads on a whole structure of two axes, about."""
 POINTS, PLATE_POINTS = 801, 33**2
 """Points of a beam, and of a plate, at which its travel is computed."""
 
@@ -196,10 +198,16 @@ def _checked(
     return matrix
 
 
-def even_loads_mm(position_mm: tuple[float, float], length_mm: float) -> Floats:
-    """Return even positions of loads over a range of contacts: every 1/400 of the length, as in the paper."""
-    low, high = position_mm
-    return np.linspace(low, high, max(1, round((high - low) / length_mm * LOADS)) + 1)
+def even_loads_mm(ranges_mm: Sequence[tuple[float, float]], size_mm: Sequence[float]) -> Floats:
+    """Return even places of loads (loads, axes) over ranges of contacts, or positions (loads,) on one axis.
+
+    On one axis they are every 1/400 of the length, as in the paper, on two in about square cells.
+    """
+    if len(size_mm) == 1:
+        ((low, high),) = ranges_mm
+        return np.linspace(low, high, max(1, round((high - low) / size_mm[0] * LOADS)) + 1)
+    step_mm = math.sqrt(math.prod(size_mm) / PLATE_LOADS)
+    return grid_of([np.linspace(low, high, max(1, round((high - low) / step_mm)) + 1) for low, high in ranges_mm])
 
 
 @dataclass(frozen=True, repr=False)

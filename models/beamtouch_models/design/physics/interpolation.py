@@ -87,7 +87,7 @@ def interpolate_influence(
         values: Floats = spline(np.asarray(load_mm)[:, None], np.asarray(sensor_mm)[None, :], grid=False)
         return values
 
-    loads_mm, unit = even_loads_mm(scene.contact.position_mm, length_mm), float(np.abs(table).max())
+    loads_mm, unit = even_loads_mm(scene.contact.ranges_mm, [length_mm]), float(np.abs(table).max())
     left = _left_open(load, sensor, table)
     return InfluenceFunction(length_mm, loads_mm, scene.contact.force_range_n, at, unit, left)
 

@@ -6,59 +6,56 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import RegularGridInterpolator
+from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
-from beamtouch_common.digits import digits
-from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.physics.characteristic_fit import Characteristic, mean_at_places
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, Interpolation, even_loads_mm
+from beamtouch_models.design.physics.place_table import PlaceTable
 from beamtouch_models.design.physics.smooth_fit import SmoothFit
+from beamtouch_models.design.physics.table_doubts import FittedAt, find_fault
 from beamtouch_models.design.physics.theory_fit import KnownLoads, Theory, TheoryFit
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.measured_loads import parse_loads
 from beamtouch_models.errors import SceneError
-from beamtouch_models.numbers import places_in
-from beamtouch_models.places import on_axis, positions_of
+from beamtouch_models.numbers import places_within
+from beamtouch_models.places import Extent, grid_of, in_rows, positions_of
 
-PLACES, PLACES_OUTSIDE = 201, 41
-"""Places along the structure at which the fit is evaluated; it is interpolated between them."""
-COARSE = 0.1
-"""Largest part of the influence that may be unknown anywhere in the range of contacts. A sensor that is known no better
-tells places hardly better than whether something touches."""
-UNSTEADY = 0.2
-"""Largest part of the influence by which a load may differ when it is put on anew."""
+INSIDE, OUTSIDE = {1: 201, 2: 64}, {1: 41, 2: 9}
+"""Places along each axis at which the fit is evaluated, within the range of contacts and on either side of it, by the
+number of axes; it is interpolated between them."""
+DRAWN = 450
+"""Most places at which a structure is drawn; between them, its difference from the mean is interpolated."""
 BEYOND = 1.05
 """A force may exceed the heaviest load of curved sensors by so much."""
-CONTACTS, FORCES = 101, 21
-"""Places and forces of the contacts over which the slope of curved sensors is averaged."""
-MORE = 40
-"""Largest number of further loads that a message asks for."""
-SURELY = 8.0
-"""Deviations from what the others say by which a load contradicts them."""
-ENOUGH = 8
-"""Loads with which one that contradicts the others can be told, and scatter from too few of them."""
+CONTACTS, FORCES = {1: 101, 2: 33**2}, 21
+"""Places, by the number of axes, and forces of the contacts over which the slope of curved sensors is averaged."""
+Ranges = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredStructure:
-    """A structure whose influence was measured at some sensors; positions are in mm from its left end."""
+    """A structure whose influence was measured at some sensors; places are in mm from its left end or its corner."""
 
-    length_mm: float
+    size_mm: tuple[float, ...]
+    """Length along each axis."""
     names: tuple[str, ...]
     sensor_mm: Floats
-    """(sensors,), ascending."""
-    mean: CubicSpline
-    """From positions of loads (...) to the influence (..., sensors) in mm/N."""
-    at_mm: Floats
-    """(places,) at which the deviation is known."""
-    between: Floats
-    """(places, sensors) standard deviation of the influence that the fit leaves, in mm/N."""
+    """(sensors, axes), ascending by the first axis, then by the next."""
+    ticks_mm: tuple[Floats, ...]
+    """The coordinates along each axis of the places at which the fit was evaluated."""
+    mean: PlaceTable
+    """From places of loads (..., axes) to the influence (..., sensors) in mm/N."""
+    between: RegularGridInterpolator
+    """The same of the standard deviation that the fit leaves."""
     repeatability: Floats
     """(sensors,) standard deviation by which the influence differs when a load is put on anew, in mm/N."""
     fit: SmoothFit | TheoryFit
     """Of the influence, to the table."""
     spacing_mm: float
-    """Largest distance of neighbouring loads."""
+    """Largest distance of a load from the next one; on one axis, to either side."""
     shares: Floats
     """(sensors,) part of the influence by which it differs from load to load as well."""
     characteristics: tuple[Characteristic, ...] = ()
@@ -68,44 +65,66 @@ class MeasuredStructure:
     held_mm: tuple[float, ...] = ()
     """Its supports are not known."""
 
+    @property
+    def length_mm(self) -> float:
+        """Length along the first axis."""
+        return self.size_mm[0]
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return len(self.size_mm)
+
     def scaled(self, factor: float) -> "MeasuredStructure":
         """Return a structure that yields `factor` times as much."""
         return replace(self, scale=self.scale * factor)
 
     def draw(self, rng: np.random.Generator) -> "MeasuredStructure":
         """Draw a structure that agrees with the table; the mean of many is this one, and each is smooth."""
-        return replace(self, mean=CubicSpline(self.at_mm, self.fit.draw(on_axis(self.at_mm), rng)))
+        nodes = math.prod(map(len, self.ticks_mm))
+        apart = max(1, round((nodes / DRAWN) ** (1 / self.axes)))
+        ticks = [np.union1d(along[::apart], along[-1:]) for along in self.ticks_mm]
+        some = grid_of(ticks)
+        away = PlaceTable(ticks, self.fit.draw(some, rng) - self.mean(some))
+        return replace(self, mean=PlaceTable(self.ticks_mm, self.mean.values + away(grid_of(list(self.ticks_mm)))))
 
     def influence(self, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
-        """Return the influence (loads, sensors) in mm/N; each sensor is the nearest one that was measured."""
-        sensor, load = (places_in(mm, "sensor_mm", self.length_mm) for mm in (sensor_mm, load_mm))
+        """Return the influence (loads, sensors) in mm/N; each sensor is the nearest one that was measured.
+
+        Places are (places, axes), or positions (places,) on one axis.
+        """
+        sensor, load = self._places_on(sensor_mm, "sensor_mm"), self._places_on(load_mm, "load_mm")
         matrix: Floats = self.scale * self.mean(load)[:, self.nearest(sensor)]
         return matrix
 
+    def _places_on(self, values: ArrayLike, name: str) -> Floats:
+        ends_mm = np.array(self.size_mm)
+        return places_within(np.ravel(values) if self.axes == 1 else values, name, np.zeros(self.axes), ends_mm)
+
     def deviation(self, sensor_mm: Floats, load_mm: Floats) -> Floats:
-        """Return the standard deviation (loads, sensors) that the fit leaves; places (..., 1) in mm."""
-        columns, load = self.nearest(positions_of(sensor_mm)), positions_of(load_mm)
-        return self.scale * np.stack([np.interp(load, self.at_mm, self.between[:, one]) for one in columns], axis=1)
+        """Return the standard deviation (loads, sensors) that the fit leaves; places (..., axes) in mm."""
+        deviation: Floats = self.scale * self.between(load_mm)[:, self.nearest(sensor_mm)]
+        return deviation
 
     def scatter(self, sensor_mm: Floats, load_mm: Floats) -> Floats:
-        """Return the standard deviation (loads, sensors) by which loads repeat; places (..., 1) in mm."""
-        nearest = self.nearest(positions_of(sensor_mm))
-        moved = self.shares[nearest] * self.mean(positions_of(load_mm))[:, nearest]
+        """Return the standard deviation (loads, sensors) by which loads repeat; places (..., axes) in mm."""
+        nearest = self.nearest(sensor_mm)
+        moved = self.shares[nearest] * self.mean(load_mm)[:, nearest]
         scatter: Floats = self.scale * np.hypot(moved, self.repeatability[nearest])
         return scatter
 
     def variance(self, sensor_mm: Floats, load_mm: Floats) -> Floats:
-        """Return the variance (loads, sensors) of the influence, of both; places (..., 1) in mm."""
+        """Return the variance (loads, sensors) of the influence, of both; places (..., axes) in mm."""
         variance: Floats = self.deviation(sensor_mm, load_mm) ** 2 + self.scatter(sensor_mm, load_mm) ** 2
         return variance
 
-    def steepest(self, contacts_mm: tuple[float, float], force_n: tuple[float, float]) -> float:
+    def steepest(self, contacts_mm: Ranges, force_n: tuple[float, float]) -> float:
         """Return the factor by which errors of curved sensors grow when these are straightened, 1 for straight ones.
 
         It is that of the sensor with the largest, at rest or over contacts, whichever is larger: a sensor that shows
         less and less is steepest under the heaviest load.
         """
-        places, forces = np.linspace(*contacts_mm, CONTACTS), np.linspace(*force_n, FORCES)
+        places, forces = Extent(contacts_mm).grid(CONTACTS[self.axes]), np.linspace(*force_n, FORCES)
         straight_mm = forces[:, None, None] * self.influence(self.sensor_mm, places)
         factors = [
             max(curved.at_rest, float(np.sqrt(np.mean(curved.slope(curved.show(one_mm)) ** 2))))
@@ -114,8 +133,8 @@ class MeasuredStructure:
         return max(factors, default=1.0)
 
     def nearest(self, sensor_mm: Floats) -> Indices:
-        """Return the sensors (positions,) that stand nearest to positions."""
-        nearest: Indices = np.abs(np.reshape(sensor_mm, (-1, 1)) - self.sensor_mm).argmin(axis=1)
+        """Return the sensors (places,) that stand nearest to places."""
+        nearest: Indices = cdist(in_rows(sensor_mm, self.axes), self.sensor_mm).argmin(axis=1)
         return nearest
 
 
@@ -137,14 +156,13 @@ def measured_structure_of(scene: Scene) -> MeasuredStructure:
             f"nobody knows what a curved sensor shows beyond it; end contact.force_n at {tried_n:g}, or record heavier "
             "loads"
         )
-    places = tuple(measured.places_mm.items())
+    places = tuple((name, tuple(np.atleast_1d(place).tolist())) for name, place in measured.places_mm.items())
     if measured.theory is not None:
         error_mm = math.hypot(scene.sensors.noise_mm or 0.0, scene.sensors.zero_drift_mm or 0.0)
         tables = measured.influence, measured.theory
-        return _structure_by_theory(
-            tables, places, measured.end_mm, scene.contact.position_mm, error_mm, curved=measured.curved
-        )
-    return _structure(measured.influence, places, measured.end_mm, scene.contact.position_mm, noise_mm)
+        contacts_mm, size_mm = scene.contact.ranges_mm, measured.size_mm
+        return _structure_by_theory(tables, places, size_mm, contacts_mm, error_mm, curved=measured.curved)
+    return _structure(measured.influence, places, measured.size_mm, scene.contact.ranges_mm, noise_mm)
 
 
 def _noise_mm(scene: Scene) -> float:
@@ -158,55 +176,46 @@ def _noise_mm(scene: Scene) -> float:
 @lru_cache(maxsize=8)
 def _structure(
     text: str,
-    sensors_mm: tuple[tuple[str, float], ...],
-    length_mm: float,
-    contacts_mm: tuple[float, float],
+    sensors_mm: tuple[tuple[str, tuple[float, ...]], ...],
+    size_mm: tuple[float, ...],
+    contacts_mm: Ranges,
     noise_mm: float | None,
 ) -> MeasuredStructure:
     loads = parse_loads(text, "the table")
     in_order = sorted(sensors_mm, key=lambda sensor: sensor[1])
     names = tuple(name for name, _ in in_order)
     columns = [loads.names.index(name) for name in names]
-    position_mm, force_n = loads.position_mm, loads.force_n
+    place_mm, force_n = loads.place_mm, loads.force_n
     values, shares = loads.influence_mm_per_n[:, columns], np.zeros(len(names))
     characteristics: tuple[Characteristic, ...] = ()
     if noise_mm is not None:
         shown_mm = loads.deflection_mm[:, columns]
         characteristics = tuple(
-            Characteristic.fit(name, position_mm, force_n, shown, noise_mm)
+            Characteristic.fit(name, place_mm, force_n, shown, noise_mm)
             for name, shown in zip(names, shown_mm.T, strict=True)
         )
-        position_mm, values, shares = mean_at_places(position_mm, force_n, shown_mm, characteristics, noise_mm)
-        force_n = np.ones(len(position_mm))
-    fit = SmoothFit.of(on_axis(position_mm), values, force_n)
-    if silent := [name for name, shown in zip(names, values.T, strict=True) if np.count_nonzero(shown) <= 1]:
-        raise SceneError(f"measured.influence: {silent[0]} shows 0 under all loads but one; check it, or take it out")
-    at_mm = _grid_mm(contacts_mm, length_mm)
-    mean, between = fit.at(on_axis(at_mm))
-    is_contact = (at_mm >= contacts_mm[0]) & (at_mm <= contacts_mm[1])
-    largest = np.sqrt(np.mean(mean[is_contact] ** 2, axis=0))
-    if message := _contradiction(fit, values, force_n, largest, names, loads.unit):
-        raise SceneError(f"measured.influence: {message}")
-    scattered = _scattered(fit, largest, names)
-    if scattered and len(values) >= ENOUGH:
-        raise SceneError(f"measured.influence: {scattered}")
-    share = _unknown(between**2, largest) * is_contact
-    if share.max() > COARSE:
-        raise SceneError(f"measured.influence: {_too_sparse(fit, at_mm, is_contact, largest, share)}")
-    if scattered:
-        raise SceneError(f"measured.influence: {scattered}")
-    spacing_mm = float(np.diff(np.unique(loads.position_mm)).max())
-    places_mm = np.array([place for _, place in in_order])
+        place_mm, values, shares = mean_at_places(place_mm, force_n, shown_mm, characteristics, noise_mm)
+        force_n = np.ones(len(place_mm))
+    fit = SmoothFit.of(place_mm, values, force_n)
+    along = zip(contacts_mm, size_mm, strict=True)
+    ticks = tuple(_ticks_mm(ends, length_mm, len(size_mm)) for ends, length_mm in along)
+    at_mm = grid_of(list(ticks))
+    mean, between = fit.at(at_mm)
+    low, high = np.array(contacts_mm).T
+    is_contact = np.all((at_mm >= low) & (at_mm <= high), axis=1)
+    contacts = FittedAt(at_mm[is_contact], mean[is_contact], between[is_contact])
+    if fault := find_fault(fit, values, force_n, contacts, names, loads.unit):
+        raise SceneError(f"measured.influence: {fault}")
     return MeasuredStructure(
-        length_mm,
+        size_mm,
         names,
-        places_mm,
-        CubicSpline(at_mm, mean),
-        at_mm,
-        between,
+        np.array([place for _, place in in_order]),
+        ticks,
+        PlaceTable(ticks, mean),
+        RegularGridInterpolator(ticks, between.reshape(*map(len, ticks), -1), bounds_error=False, fill_value=None),
         fit.repeatability,
         fit,
-        spacing_mm,
+        _spacing_mm(loads.place_mm),
         shares,
         characteristics,
     )
@@ -215,9 +224,9 @@ def _structure(
 @lru_cache(maxsize=8)
 def _structure_by_theory(
     tables: tuple[str, str],
-    sensors_mm: tuple[tuple[str, float], ...],
-    length_mm: float,
-    contacts_mm: tuple[float, float],
+    sensors_mm: tuple[tuple[str, tuple[float, ...]], ...],
+    size_mm: tuple[float, ...],
+    contacts_mm: Ranges,
     noise_mm: float,
     *,
     curved: bool,
@@ -225,32 +234,30 @@ def _structure_by_theory(
     loads, table = (parse_loads(text, name) for text, name in zip(tables, ("the table", "the theory"), strict=True))
     in_order = sorted(sensors_mm, key=lambda sensor: sensor[1])
     names = tuple(name for name, _ in in_order)
-    theory = Theory.of(table.position_mm, table.influence_mm_per_n[:, [table.names.index(name) for name in names]])
-    known = KnownLoads(
-        loads.position_mm,
-        loads.force_n,
-        loads.deflection_mm[:, [loads.names.index(name) for name in names]],
-        theory.at(loads.position_mm),
-    )
+    columns = [table.names.index(name) for name in names]
+    theory = Theory.of(positions_of(table.place_mm), table.influence_mm_per_n[:, columns])
+    position_mm = positions_of(loads.place_mm)
+    shown_mm = loads.deflection_mm[:, [loads.names.index(name) for name in names]]
+    known = KnownLoads(position_mm, loads.force_n, shown_mm, theory.at(position_mm))
     if curved:
         known.check_curved(names, noise_mm)
-    ends_mm = theory.position_mm[[0, -1]].tolist()
-    if contacts_mm[0] < ends_mm[0] or contacts_mm[1] > ends_mm[1]:
+    (low_mm, high_mm), ends_mm = contacts_mm[0], theory.position_mm[[0, -1]].tolist()
+    if low_mm < ends_mm[0] or high_mm > ends_mm[1]:
         raise SceneError(
-            f"contact.position_mm goes from {contacts_mm[0]:g} to {contacts_mm[1]:g} mm, but measured.theory from "
-            f"{ends_mm[0]:g} to {ends_mm[1]:g} mm; compute it over the whole range"
+            f"contact.position_mm goes from {low_mm:g} to {high_mm:g} mm, but measured.theory from {ends_mm[0]:g} to "
+            f"{ends_mm[1]:g} mm; compute it over the whole range"
         )
     fit = TheoryFit.of(theory, known, noise_mm, curved=curved)
     fit.check(known, noise_mm, names, loads.unit)
-    at_mm = _grid_mm(contacts_mm, length_mm)
-    mean, between = fit.at(on_axis(at_mm))
+    ticks = (_ticks_mm(contacts_mm[0], size_mm[0], 1),)
+    mean, between = fit.at(grid_of(list(ticks)))
     return MeasuredStructure(
-        length_mm,
+        size_mm,
         names,
         np.array([place for _, place in in_order]),
-        CubicSpline(at_mm, mean),
-        at_mm,
-        between,
+        ticks,
+        PlaceTable(ticks, mean),
+        RegularGridInterpolator(ticks, between, bounds_error=False, fill_value=None),
         fit.repeatability,
         fit,
         float(np.diff(theory.position_mm).max()),
@@ -259,105 +266,26 @@ def _structure_by_theory(
     )
 
 
-def _grid_mm(contacts_mm: tuple[float, float], length_mm: float) -> Floats:
+def _ticks_mm(contacts_mm: tuple[float, float], length_mm: float, axes: int) -> Floats:
     """Return where the fit is evaluated, most of it where contacts are: they may take a small part of the length."""
     low, high = contacts_mm
-    outside = np.linspace(0.0, low, PLACES_OUTSIDE), np.linspace(high, length_mm, PLACES_OUTSIDE)
-    return np.unique(np.concatenate([*outside, np.linspace(low, high, PLACES)]))
+    outside = np.linspace(0.0, low, OUTSIDE[axes]), np.linspace(high, length_mm, OUTSIDE[axes])
+    return np.unique(np.concatenate([*outside, np.linspace(low, high, INSIDE[axes])]))
 
 
-def _unknown(variance: Floats, largest: Floats) -> Floats:
-    """Return the part of the influence (places,) of most sensors that is unknown, from its variance (places, sensors).
-
-    A sensor of which nothing is known at some places has no say there; the others locate.
-    """
-    unknown: Floats = np.sqrt(np.median(variance / largest**2, axis=1))
-    return unknown
-
-
-def _contradiction(
-    fit: SmoothFit, values: Floats, force_n: Floats, largest: Floats, names: tuple[str, ...], unit: str
-) -> str:
-    """Say which load contradicts the others; empty if none does."""
-    if len(values) < ENOUGH:
-        return ""
-    suspect = int(np.abs(fit.left_out).max(axis=1).argmax())
-    others = np.delete(np.arange(len(values)), suspect)
-    without = SmoothFit.of(fit.place_mm[others], values[others], force_n[others])
-    mean, deviation = (rows[0] for rows in without.at(fit.place_mm[[suspect]]))
-    off = np.fmin(np.abs(values[suspect] - mean), _off_a_side(fit.place_mm, values, suspect))
-    off[np.isnan(values[suspect])] = 0.0
-    worst = int((off / np.hypot(deviation, without.repeatability)).argmax())
-    if off[worst] <= max(SURELY * np.hypot(deviation, without.repeatability)[worst], COARSE * largest[worst]):
-        return ""
-    load = f"the load at {fit.place_mm[suspect, 0]:g} mm with {force_n[suspect]:g} N"
-    both = values[suspect, worst], mean[worst]
-    shown, said = (digits(float(per_newton * force_n[suspect]), 3) for per_newton in both)
-    wrong = f"under {load}, {names[worst]} shows {shown} {unit}, but the others say {said}"
-    return f"{wrong}; measure it again, or take it out"
-
-
-def _off_a_side(place_mm: Floats, values: Floats, index: int) -> Floats:
-    """Return by how much the values of a place (columns,) miss the straight line through its neighbours on one side.
-
-    A load that stands on a kink, as under a string or above a strain gauge, surprises a smooth fit, but it lies on the
-    line of one of its sides. A load that is wrong lies on neither.
-    """
-    along = place_mm.reshape(len(values), -1)
-    off: Floats = np.full(values.shape[1], np.inf)
-    if along.shape[1] > 1:
-        return off
-    here, distance = along[index, 0], along[:, 0] - along[index, 0]
-    for side in (distance < 0, distance > 0):
-        beside = np.unique(along[side, 0])
-        near, next_to_it = beside[np.abs(beside - here).argsort()[:2]] if len(beside) > 1 else (here, here)
-        if near != next_to_it:
-            first, second = (values[along[:, 0] == place].mean(axis=0) for place in (near, next_to_it))
-            line = first + (first - second) * (here - near) / (near - next_to_it)
-            off = np.fmin(off, np.abs(values[index] - line))
-    return off
-
-
-def _scattered(fit: SmoothFit, largest: Floats, names: tuple[str, ...]) -> str:
-    """Say which sensor shows something else each time; empty if none does."""
-    scatter = fit.repeatability / largest
-    worst = int(scatter.argmax())
-    if scatter[worst] <= UNSTEADY:
-        return ""
-    if (scatter > UNSTEADY).all():
-        return (
-            f"all sensors repeat to {digits(100 * scatter.min(), 2)} % of what they show or worse, as if loads did not "
-            "stand where the table says, or had other forces; correct the table, measure again, or state curved = true "
-            "if heavy loads show less or more per newton than light ones"
-        )
-    return (
-        f"{names[worst]} repeats to {digits(100 * scatter[worst], 2)} % of what it shows only, as if loads did not "
-        f"stand where the table says; measure again what differs, or take {names[worst]} out"
-    )
-
-
-def _too_sparse(fit: SmoothFit, at_mm: Floats, is_contact: Bools, largest: Floats, share: Floats) -> str:
-    """Say where the loads are too far apart, and how many more would do."""
-    worst, contacts, more = int(share.argmax()), at_mm[is_contact], np.empty(0)
-    unknown, there = share[worst], at_mm[worst]
-    while unknown > COARSE and len(more) < MORE:
-        more = np.append(more, there)
-        shares = _unknown(fit.variance_with(on_axis(more), on_axis(contacts)), largest)
-        unknown, there = shares.max(), contacts[shares.argmax()]
-    would = f"{len(more)} loads more would do" if unknown <= COARSE else f"more than {MORE} loads more are needed"
-    told = ", ".join(f"{place:g}" for place in sorted(more[:3].round().tolist()))
-    percent = digits(100 * share[worst], 2)
-    return (
-        f"the loads are too far apart for contact.position_mm: at {at_mm[worst]:g} mm, {percent} % of the influence is "
-        f"unknown, and more than {100 * COARSE:g} % is not trusted; {would}, first at {told} mm, or narrow "
-        "contact.position_mm"
-    )
+def _spacing_mm(place_mm: Floats) -> float:
+    """Return the largest distance of neighbouring loads."""
+    places = np.unique(place_mm, axis=0)
+    if places.shape[1] == 1:
+        return float(np.diff(places[:, 0]).max())
+    return float(KDTree(places).query(places, k=2)[0][:, 1].max())
 
 
 def measured_influence_of(scene: Scene) -> InfluenceFunction:
     """Return the influence function of a scene's measured structure; SceneError as `measured_structure_of`."""
     structure, contact = measured_structure_of(scene), scene.contact
-    loads_mm = even_loads_mm(contact.position_mm, structure.length_mm)
+    loads_mm = even_loads_mm(contact.ranges_mm, structure.size_mm)
     largest = float(np.abs(structure.influence(structure.sensor_mm, loads_mm)).max())
     left = Interpolation(structure.deviation, structure.spacing_mm, repeats=structure.scatter)
-    return InfluenceFunction(structure.length_mm, loads_mm, contact.force_range_n, structure.influence, largest, left)
+    size_mm = structure.length_mm if structure.axes == 1 else structure.size_mm
+    return InfluenceFunction(size_mm, loads_mm, contact.force_range_n, structure.influence, largest, left)

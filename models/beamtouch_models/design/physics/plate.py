@@ -21,7 +21,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.physics.hermite import HermiteAxis
-from beamtouch_models.design.physics.influence_function import InfluenceFunction
+from beamtouch_models.design.physics.influence_function import InfluenceFunction, even_loads_mm
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import SMALLEST_NORMAL
 from beamtouch_models.design.scene.plate import Plate, PlateSupport
@@ -47,8 +47,6 @@ KEPT = 2
 the usual CANDIDATES takes 50 MB; larger ones are not kept."""
 FEWER = 8
 """Sensors over loads from which on the influence comes from the loads by reciprocity."""
-LOADS = 1200
-"""Load places of the influence matrix, about, if contacts lie on all of the plate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,9 +267,7 @@ def influence_of(scene: Scene, plate: Plate) -> InfluenceFunction:
 
 def load_places_mm(scene: Scene, plate: Plate) -> Floats:
     """Return the load places (places, 2) of the influence matrix: an even grid of about square cells."""
-    step_mm = math.sqrt(math.prod(plate.size_mm) / LOADS)
-    ticks = [np.linspace(low, high, max(1, round((high - low) / step_mm)) + 1) for low, high in scene.contact.ranges_mm]
-    return grid_of(ticks)
+    return even_loads_mm(scene.contact.ranges_mm, plate.size_mm)
 
 
 def places_on(values: ArrayLike, name: str, plate: Plate) -> Floats:

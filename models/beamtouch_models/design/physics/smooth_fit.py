@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics.smoothness import KERNELS, Measured, Smoothness, measured_together
+from beamtouch_models.design.physics.smoothness import KERNELS, ROUGHEST, Measured, Smoothness, measured_together
 
 LENGTHS = np.geomspace(0.08, 4.0, 17)
 """Length scales along each axis, over the span of the places."""
@@ -25,13 +25,16 @@ SCATTERS = np.geomspace(1e-5, 0.5, 25)
 """Standard deviations of a value from the smooth function, over the amplitude."""
 ADDITIVE = (0.0, 0.5, 4.0)
 """Parts of the scatter that do not grow with the force, at the largest force, over those that do."""
-STEPS = 8, 4, 2, 1
-"""Of the search along scatters and lengths."""
-DISCRETE = 2
-"""The first axes of the search, kernel and additive part."""
+STEPS: tuple[int, ...] = (8, 4, 2, 1)
+STEPS_NEAR: tuple[int, ...] = (2, 1)
+"""Of the search along scatters and lengths, and where the best combination is known about."""
+MIDDLE, SCATTER = 2, 2
+"""The kernel with which the search begins, and the axis of the scatters, behind kernel and additive part."""
 BEST, IMPROBABLE = 8, 10.0
 """So many of the best combinations have their neighbours looked at, and those whose probability is larger than that of
 the best one over e to this power."""
+MANY = 300
+"""Of more places than this, so many are searched first, and all of them only near what those find probable."""
 DRAWS = 48
 """Combinations that are drawn by their probability, evenly, as some are drawn several times."""
 
@@ -140,6 +143,10 @@ class SmoothFit:
             yield weight, one, part
 
 
+_Index = tuple[int, ...]
+"""Of a combination in the grid: kernel, additive part, scatter, and length along each axis."""
+
+
 def _probable(measured: tuple[Measured, ...], additive: tuple[float, ...], axes: int) -> dict[Smoothness, float]:
     """Return the logarithm of the probability of the combinations that are not improbable.
 
@@ -147,9 +154,22 @@ def _probable(measured: tuple[Measured, ...], additive: tuple[float, ...], axes:
     ever shorter steps: if values are many, it never looks at most of the fine grid.
     """
     sizes = (len(KERNELS), len(additive), len(SCATTERS), *[len(LENGTHS)] * axes)
-    tried: dict[tuple[int, ...], tuple[Smoothness, float]] = {}
-    waiting = set(product([1], range(len(additive)), *(range(0, size, STEPS[0]) for size in sizes[2:])))
-    for step in STEPS:
+    waiting = set(product([MIDDLE], range(len(additive)), *(range(0, size, STEPS[0]) for size in sizes[2:])))
+    steps = STEPS
+    if any(len(part.place) > MANY for part in measured):
+        tried = _searched(tuple(part.thinned(MANY) for part in measured), additive, waiting, steps)
+        waiting, steps = {max(tried, key=lambda index: tried[index][1])}, STEPS_NEAR
+    return dict(_searched(measured, additive, waiting, steps).values())
+
+
+def _searched(
+    measured: tuple[Measured, ...], additive: tuple[float, ...], waiting: set[_Index], steps: tuple[int, ...]
+) -> dict[_Index, tuple[Smoothness, float]]:
+    """Return the combinations with the logarithms of their probabilities, to which steps lead from those waiting."""
+    axes = len(next(iter(waiting))) - SCATTER - 1
+    sizes = (len(KERNELS), len(additive), len(SCATTERS), *[len(LENGTHS)] * axes)
+    tried: dict[_Index, tuple[Smoothness, float]] = {}
+    for step in steps:
         while waiting:
             for index in sorted(waiting):
                 kernel, share, scatter, *lengths = index
@@ -157,12 +177,10 @@ def _probable(measured: tuple[Measured, ...], additive: tuple[float, ...], axes:
                 tried[index] = one, math.fsum(_log_probability(part, one) for part in measured)
             waiting = _near_the_best(tried, sizes, step)
         waiting = _near_the_best(tried, sizes, max(step // 2, 1))
-    return dict(tried.values())
+    return tried
 
 
-def _near_the_best(
-    tried: dict[tuple[int, ...], tuple[Smoothness, float]], sizes: tuple[int, ...], step: int
-) -> set[tuple[int, ...]]:
+def _near_the_best(tried: dict[_Index, tuple[Smoothness, float]], sizes: _Index, step: int) -> set[_Index]:
     """Return the neighbours that were not tried yet of the best and of all that are not improbable."""
     ranked = sorted(tried, key=lambda index: -tried[index][1])
     least = tried[ranked[0]][1] - IMPROBABLE
@@ -178,10 +196,11 @@ def _log_probability(measured: Measured, smoothness: Smoothness) -> float:
         return -math.inf
 
 
-def _neighbours(index: tuple[int, ...], sizes: tuple[int, ...], step: int) -> Iterator[tuple[int, ...]]:
+def _neighbours(index: _Index, sizes: _Index, step: int) -> Iterator[_Index]:
     """Yield the indices one step away along one axis of a grid; kernel and additive part go by single steps."""
+    roughest = ROUGHEST[len(index) - SCATTER - 1]
     for axis, (at, size) in enumerate(zip(index, sizes, strict=True)):
-        wide = step if axis >= DISCRETE else 1
+        wide = step if axis >= SCATTER else 1
         for near in (at - wide, at + wide):
-            if 0 <= near < size:
+            if (roughest if axis == 0 else 0) <= near < size:
                 yield (*index[:axis], near, *index[axis + 1 :])

@@ -5,7 +5,7 @@ are over the span of each axis, and values over their size.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -15,10 +15,13 @@ from scipy.spatial.distance import cdist
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 
-KERNELS = ((3, (1.0, 1.0)), (5, (1.0, 1.0, 1 / 3)), (7, (1.0, 1.0, 2 / 5, 1 / 15)))
-"""Matern kernels of order 3/2, 5/2 and 7/2: the square of the factor on the distance, and the coefficients of the
+KERNELS = ((1, (1.0,)), (3, (1.0, 1.0)), (5, (1.0, 1.0, 1 / 3)), (7, (1.0, 1.0, 2 / 5, 1 / 15)))
+"""Matern kernels of order 1/2, 3/2, 5/2 and 7/2: the square of the factor on the distance, and the coefficients of the
 polynomial before the exponential, ascending (eq. 4.16). About a load, the influence of a string has a kink, and that of
 a beam a third derivative that jumps."""
+ROUGHEST = {1: 1, 2: 0}
+"""The first kernel that is tried, by the number of axes. Loads on a plane are far apart: a skin may have a texture
+between them, which only the roughest kernel allows for."""
 
 
 class Smoothness(NamedTuple):
@@ -101,6 +104,20 @@ class Measured:
         """Take rows and columns of a table, of which all values are known."""
         places, place_of = np.unique(place[rows], axis=0, return_inverse=True)
         return cls(rows, columns, places, place_of.ravel(), values[np.ix_(rows, columns)], weight[rows])
+
+    def thinned(self, most: int) -> Self:
+        """Return the values at some of the places, drawn evenly and always the same."""
+        count = len(self.place)
+        kept = np.sort(np.random.default_rng(0).permutation(count)[:most])
+        is_kept = np.isin(self.place_of, kept)
+        return replace(
+            self,
+            rows=self.rows[is_kept],
+            place=self.place[kept],
+            place_of=np.searchsorted(kept, self.place_of[is_kept]),
+            values=self.values[is_kept],
+            weight=self.weight[is_kept],
+        )
 
     def noise(self, smoothness: Smoothness) -> Floats:
         """Return the variance (places,) of what was measured at each place."""

@@ -16,6 +16,7 @@ from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.beam import Beam, changed_beam
 from beamtouch_models.design.scene.plate import Plate, stiffened_plate
 from beamtouch_models.errors import SceneError
+from beamtouch_models.places import Extent, in_rows
 
 Structure = Beam | Plate | MeasuredStructure
 PARTS = 33
@@ -35,7 +36,7 @@ def influence_of(scene: Scene) -> InfluenceFunction:
 
 
 def characteristics_of(scene: Scene, sensor_mm: Floats) -> tuple[Characteristic, ...]:
-    """Return the characteristics of curved sensors at positions (channels,); none of straight ones."""
+    """Return the characteristics of curved sensors at places (channels, axes), or positions; none of straight ones."""
     if scene.measured is None or not scene.measured.curved:
         return ()
     structure = measured_structure_of(scene)
@@ -51,7 +52,9 @@ def influence(structure: Structure, sensor_mm: ArrayLike, load_mm: ArrayLike, wi
         return solid.influence(structure, np.asarray(sensor_mm), np.asarray(load_mm), width_mm)
     if not width_mm:
         return structure.influence(sensor_mm, load_mm)
-    spread = np.clip(np.asarray(load_mm) + width_mm * np.linspace(-0.5, 0.5, PARTS)[:, None], 0.0, structure.length_mm)
+    axes = structure.axes
+    parts = Extent(((-width_mm / 2, width_mm / 2),) * axes).grid(PARTS)
+    spread = np.clip(in_rows(load_mm, axes) + parts[:, None], 0.0, structure.size_mm)
     mean: Floats = np.mean([structure.influence(sensor_mm, loads) for loads in spread], axis=0)
     return mean
 

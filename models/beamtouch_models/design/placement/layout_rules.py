@@ -105,7 +105,12 @@ class LayoutRules:
         return np.where(candidates >= 0, candidates, layout)
 
     def evenly(self, count: int) -> Indices:
-        """Return candidates spread evenly along each axis, about `count`."""
+        """Return candidates spread evenly along each axis, about `count`; all where a plane has no more of them.
+
+        Sensors that were measured stand anywhere, and hardly any place of the grid of their coordinates is taken.
+        """
+        if self.axes > 1 and len(self.place_mm) <= count:
+            return np.arange(len(self.place_mm))
         along = max(2, along_axis(count, self.axes))
         ticks = [np.linspace(0, len(ticks) - 1, along).round().astype(np.intp) for ticks in self._ticks]
         candidates = self._candidate_at[np.ix_(*ticks)].ravel()

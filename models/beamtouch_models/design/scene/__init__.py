@@ -94,6 +94,9 @@ class Scene(Strict):
         axes = len(self.contact.ranges_mm)
         if self.plate is not None and axes == 1:
             raise ValueError("contact has position_mm, but a plate has two axes; state x_mm and y_mm in its place")
+        if self.measured is not None and axes != self.measured.axes:
+            own, other = ("position_mm", "x_mm and y_mm") if axes == 1 else ("x_mm and y_mm", "position_mm")
+            raise ValueError(f"contact has {own}, but the table of the structure has {other}; state {other} there")
         others = ("fixed_mm", "keep_out_mm") if axes == 2 else ("fixed", "keep_out")
         if wrong := [key for key in others if getattr(self.sensors, key)]:
             where, right = ("a beam", wrong[0].removesuffix("_mm")) if axes == 2 else ("a plate", f"{wrong[0]}_mm")
@@ -135,7 +138,8 @@ class Scene(Strict):
     @property
     def size_mm(self) -> tuple[float, ...]:
         """Length of the structure along each axis; SceneError if the scene states none."""
-        return (self.length_mm,) if self.plate is None else self.plate.size_mm
+        structure = self.plate or self.measured
+        return (self.beam.length_mm,) if structure is None else structure.size_mm
 
     @property
     def diagonal_mm(self) -> float:
@@ -149,10 +153,8 @@ class Scene(Strict):
 
     @property
     def length_mm(self) -> float:
-        """Length of a structure of one axis, or of a plate along x; SceneError if the scene states none."""
-        if self.plate is not None:
-            return self.plate.length_x_mm
-        return self.beam.length_mm if self.measured is None else self.measured.end_mm
+        """Length of a structure of one axis, or along x; SceneError if the scene states none."""
+        return self.size_mm[0]
 
     @property
     def count_range(self) -> tuple[int, int]:
@@ -299,11 +301,11 @@ def identity_of(scene: Scene, sensors_mm: "Mapping[str, Place]") -> str:
     """
     if scene.plate is not None:
         return identity_of_plate(scene.plate, {name: _numbers(place) for name, place in sensors_mm.items()})
-    positions_mm = {name: _numbers(place)[0] for name, place in sensors_mm.items()}
     if scene.measured is not None:
         error_mm = scene.sensors.noise_mm, scene.sensors.zero_drift_mm
-        return identity_of_measured(scene.measured, positions_mm, error_mm)
-    return identity_of_beam(scene.beam, positions_mm)
+        places_mm = {name: _numbers(place) for name, place in sensors_mm.items()}
+        return identity_of_measured(scene.measured, places_mm, error_mm)
+    return identity_of_beam(scene.beam, {name: _numbers(place)[0] for name, place in sensors_mm.items()})
 
 
 def _numbers(place: "Place") -> tuple[float, ...]:

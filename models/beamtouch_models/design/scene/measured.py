@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -14,9 +15,10 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from beamtouch_common.encodings import decode
 from beamtouch_models.design.rows import RecordingError
 from beamtouch_models.design.scene.beam import DIGITS, text_of
-from beamtouch_models.design.scene.tables import Finite, PositiveFinite, Strict
+from beamtouch_models.design.scene.tables import Finite, Place, PositiveFinite, Strict
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # no help waits for numpy
+    from beamtouch_models import places
     from beamtouch_models.design.scene.measured_loads import MeasuredLoads
 
 FOLDER = "folder"
@@ -31,8 +33,8 @@ class Measured(Strict):
     """A structure whose influence was measured: what its sensors show under known loads."""
 
     influence: str
-    """Path of a CSV file, relative to the scene, or its text. Of loads: `position_mm`, `force_n` and
-    `NAME_deflection_mm` for each sensor, as `beamtouch-daemon record` writes them. Of influence: `position_mm` and
+    """Path of a CSV file, relative to the scene, or its text. Of loads: `position_mm` (or `x_mm` and `y_mm`), `force_n`
+    and `NAME_deflection_mm` for each sensor, as `beamtouch-daemon record` writes them. Of influence: the places and
     `NAME_mm_per_n`. Sensors that do not show mm have their unit there, as in `NAME_deflection_uV/V` and
     `NAME_uV/V_per_n`: all that the scene states in `_mm` on what sensors show is in this unit, and `_um` in a
     thousandth of it."""
@@ -41,10 +43,14 @@ class Measured(Strict):
     be right up to a factor for each sensor only, which is fitted to the loads, as is by how much the theory misses
     them. Few loads are enough then: 4 to 12, at three places or more."""
     length_mm: PositiveFinite | None = None
-    """Length of the structure. Default: up to the last load or sensor."""
-    sensors_mm: dict[str, Finite] = Field(default_factory=dict)
-    """Positions of the sensors, by name: { s1 = 120, s2 = 280 }. Pages draw them there. Default: where each shows most.
-    """
+    """Length of a structure of one axis. Default: up to the last load or sensor."""
+    length_x_mm: PositiveFinite | None = None
+    """On a structure of two axes: its length along the first one."""
+    length_y_mm: PositiveFinite | None = None
+    """On a structure of two axes: its length along the second one."""
+    sensors_mm: dict[str, Finite | Place] = Field(default_factory=dict)
+    """Positions of the sensors, by name: { s1 = 120, s2 = 280 }; on two axes { s1 = { x_mm = 20, y_mm = 30 } }. Pages
+    draw them there. Default: where each shows most."""
 
     curved: bool = False
     """True if what the sensors show is no straight function of the deflection: a characteristic that rises with the
@@ -73,22 +79,13 @@ class Measured(Strict):
             raise ValueError("curved needs a table of loads, as one of influence has no forces; or leave it out")
         if self.theory is not None:
             self._check_theory(_read(self.theory, "the theory"))
-        places = list(self.sensors_mm.values())
-        if twice := [place for place in places if places.count(place) > 1]:
-            raise ValueError(f"sensors_mm has {twice[0]:g} mm twice; two sensors cannot share a position")
-        if self.length_mm is not None:
-            beyond = [f"the load at {place:g} mm" for place in self.loads.position_mm if place > self.length_mm]
-            beyond += [f"{name} at {place:g} mm" for name, place in self.sensors_mm.items() if place > self.length_mm]
-            if beyond:
-                raise ValueError(f"length_mm = {self.length_mm:g}, but {beyond[0]} is beyond it; correct one of them")
-        if below := [name for name, place in self.sensors_mm.items() if place < 0]:
-            raise ValueError(
-                f"sensors_mm: {below[0]} stands at {self.sensors_mm[below[0]]:g} mm; count from the left end"
-            )
+        self._check_places()
         return self
 
     def _check_theory(self, theory: MeasuredLoads) -> None:
-        """Raise ValueError unless a theory is of the sensors and of the places of the table."""
+        """Raise ValueError unless a theory is of the sensors and of the places of the table, on one axis."""
+        if self.axes > 1 or theory.axes > 1:
+            raise ValueError("theory is for structures of one axis; leave it out, and measure more loads")
         if not theory.is_per_newton:
             raise ValueError(
                 "theory has forces; it is a table of influence, with the columns position_mm, NAME_mm_per_n"
@@ -97,12 +94,40 @@ class Measured(Strict):
             raise ValueError(
                 f"theory has no column {missing[0]}_mm_per_n; add it, or take {missing[0]} out of the loads"
             )
-        low, high = float(theory.position_mm.min()), float(theory.position_mm.max())
-        if beyond := [place for place in self.loads.position_mm.tolist() if not low <= place <= high]:
+        low, high = float(theory.place_mm.min()), float(theory.place_mm.max())
+        if beyond := [place for place in self.loads.place_mm[:, 0].tolist() if not low <= place <= high]:
             raise ValueError(
                 f"theory goes from {low:g} to {high:g} mm, but the table has a load at {beyond[0]:g} mm; "
                 "compute it there, too"
             )
+
+    def _check_places(self) -> None:
+        """Raise ValueError if places have other axes than the table, coincide, or are not on the structure."""
+        axes, places = self.axes, self._stated_places
+        others = ("length_x_mm", "length_y_mm") if axes == 1 else ("length_mm",)
+        if wrong := [key for key in others if getattr(self, key) is not None]:
+            right = "length_mm" if axes == 1 else "length_x_mm and length_y_mm"
+            raise ValueError(f"{wrong[0]} is not of the axes of the table; state {right}")
+        if wrong := [name for name, place in places.items() if len(place) != axes]:
+            written = "120" if axes == 1 else "{ x_mm = 20, y_mm = 30 }"
+            raise ValueError(f"sensors_mm: {wrong[0]} has not the axes of the table; write {wrong[0]} = {written}")
+        for name, place in places.items():
+            if twice := [other for other, taken in places.items() if other != name and taken == place]:
+                beside = "; of one chip, state them a little apart" if axes > 1 else ""
+                raise ValueError(
+                    f"sensors_mm has {in_words(place)} mm twice; two sensors, {name} and {twice[0]}, cannot share a "
+                    f"position{beside}"
+                )
+            if min(place) < 0:
+                origin = "left end" if axes == 1 else "lower left corner"
+                raise ValueError(f"sensors_mm: {name} stands at {in_words(place)} mm; count from the {origin}")
+        loads = [tuple(place) for place in self.loads.place_mm.tolist()]
+        for axis, (key, length_mm) in enumerate(self._stated_lengths.items()):
+            if length_mm is not None:
+                beyond = [f"the load at {in_words(place)} mm" for place in loads if place[axis] > length_mm]
+                beyond += [f"{name} at {in_words(at)} mm" for name, at in places.items() if at[axis] > length_mm]
+                if beyond:
+                    raise ValueError(f"{key} = {length_mm:g}, but {beyond[0]} is beyond it; correct one of them")
 
     @property
     def loads(self) -> MeasuredLoads:
@@ -110,20 +135,45 @@ class Measured(Strict):
         return _read(self.influence, "the table")
 
     @property
-    def end_mm(self) -> float:
-        """Length of the structure, as stated or up to the last load or sensor."""
-        farthest = max(float(self.loads.position_mm.max()), *self.sensors_mm.values(), 0.0)
-        return farthest if self.length_mm is None else self.length_mm
+    def axes(self) -> int:
+        """Number of axes."""
+        return self.loads.axes
 
     @property
     def size_mm(self) -> tuple[float, ...]:
-        """Length along each axis."""
-        return (self.end_mm,)
+        """Length along each axis, as stated or up to the last load or sensor."""
+        reached = self.loads.place_mm.max(axis=0).tolist()
+        return tuple(
+            max(reached[axis], *(place[axis] for place in self._stated_places.values()), 0.0)
+            if length_mm is None
+            else length_mm
+            for axis, length_mm in enumerate(self._stated_lengths.values())
+        )
 
     @property
-    def places_mm(self) -> dict[str, float]:
-        """Positions of the sensors, by name: as stated, or where each shows most."""
-        return self.sensors_mm or _where_most(self.loads, self.end_mm)
+    def places_mm(self) -> dict[str, places.Place]:
+        """Places of the sensors, by name: as stated, or where each shows most."""
+        by_name = self._stated_places or _where_most(self.loads, self.size_mm)
+        return {name: place if self.axes > 1 else place[0] for name, place in by_name.items()}
+
+    @property
+    def _stated_places(self) -> dict[str, tuple[float, ...]]:
+        return {
+            name: (place.x_mm, place.y_mm) if isinstance(place, Place) else (place,)
+            for name, place in self.sensors_mm.items()
+        }
+
+    @property
+    def _stated_lengths(self) -> dict[str, float | None]:
+        if self.axes == 1:
+            return {"length_mm": self.length_mm}
+        return {"length_x_mm": self.length_x_mm, "length_y_mm": self.length_y_mm}
+
+
+def in_words(place: Sequence[float]) -> str:
+    """Return a place in words, without its unit: `120`, or `(120, 80)` on two axes."""
+    numbers = ", ".join(f"{number:g}" for number in place)
+    return numbers if len(place) == 1 else f"({numbers})"
 
 
 def _content_of(path: Path) -> str:
@@ -145,28 +195,31 @@ def _read(text: str, origin: str) -> MeasuredLoads:
         raise ValueError(str(error)) from None
 
 
-def _where_most(loads: MeasuredLoads, length_mm: float) -> dict[str, float]:
-    """Return the place at which each sensor shows most; beside each other where these are the same."""
+def _where_most(loads: MeasuredLoads, size_mm: tuple[float, ...]) -> dict[str, tuple[float, ...]]:
+    """Return the place at which each sensor shows most; where these are the same, beside each other along one axis."""
+    length_mm = size_mm[0]
     step_mm = NUDGE * length_mm
-    places: dict[str, float] = {}
+    places: dict[str, tuple[float, ...]] = {}
     for name, shown in zip(loads.names, loads.influence_mm_per_n.T, strict=True):
-        there = float(loads.position_mm[abs(shown).argmax()])
-        side = step_mm if there <= length_mm / 2 else -step_mm
-        while any(abs(there - taken) < step_mm / 2 for taken in places.values()):
-            there += side
-        places[name] = min(max(there, 0.0), length_mm)
+        along, *across = loads.place_mm[abs(shown).argmax()].tolist()
+        side = step_mm if along <= length_mm / 2 else -step_mm
+        while any(math.dist((along, *across), taken) < step_mm / 2 for taken in places.values()):
+            along += side
+        places[name] = (min(max(along, 0.0), length_mm), *across)
     return places
 
 
-def identity_of_measured(measured: Measured, sensors_mm: Mapping[str, float], error_mm: Sequence[float | None]) -> str:
+def identity_of_measured(
+    measured: Measured, sensors_mm: Mapping[str, tuple[float, ...]], error_mm: Sequence[float | None]
+) -> str:
     """Return the identity of a measured structure with some of its sensors: of its table, and of where they stand.
 
     `error_mm`, noise and drift of zeros of a sensor, decides how smooth the characteristic of a curved one is, and how
     a theory is fitted.
     """
-    places = {name: text_of(mm) for name, mm in sensors_mm.items()}
+    places = {name: ", ".join(map(text_of, place)) for name, place in sensors_mm.items()}
     facts = {"influence": measured.influence, "sensors_mm": places, "curved": measured.curved}
-    facts["length_mm"] = text_of(measured.end_mm)
+    facts["length_mm"] = ", ".join(map(text_of, measured.size_mm))
     facts["error_mm"] = [text_of(mm) for mm in error_mm] if measured.curved or measured.theory else []
     if measured.theory is not None:
         facts["theory"] = measured.theory

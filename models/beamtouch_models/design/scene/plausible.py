@@ -7,7 +7,7 @@ from itertools import pairwise
 from beamtouch_common.digits import digits
 from beamtouch_common.units import MM
 from beamtouch_models.design.scene.beam import Beam
-from beamtouch_models.design.scene.measured import Measured
+from beamtouch_models.design.scene.measured import Measured, in_words
 from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.scene.tables import Contact, Sensors
 
@@ -77,33 +77,47 @@ def in_its_unit(unit: str, sensors: Sensors) -> Iterator[str]:
 
 def not_of_measured(measured: Measured, contact: Contact, sensors: Sensors) -> Iterator[str]:
     """Yield what to change in what a scene states beside a measured structure."""
-    end_mm, names, places = measured.end_mm, measured.loads.names, measured.places_mm
-    if end_mm <= SHORTEST_MM:
+    size_mm, names = measured.size_mm, measured.loads.names
+    places = {name: place if isinstance(place, tuple) else (place,) for name, place in measured.places_mm.items()}
+    if (end_mm := min(size_mm)) <= SHORTEST_MM:
         yield (
             f"measured: the structure ends at {end_mm:g} mm, too short to tell places on it; if the places of its "
             f"loads are in metres, write {MM_PER_M * end_mm:g}"
         )
     yield from _too_far(measured, contact)
-    if contact.position_mm[0] < 0 or contact.position_mm[1] > end_mm:
-        yield (
-            f"contact.position_mm = {list(contact.position_mm)} reaches beyond the structure, 0..{end_mm:g} mm; "
-            "correct it, or state measured.length_mm"
-        )
+    keys = ("position_mm",) if measured.axes == 1 else ("x_mm", "y_mm")
+    for key, (low, high), length in zip(keys, contact.ranges_mm, size_mm, strict=True):
+        if low < 0 or high > length:
+            stated = "length_mm" if measured.axes == 1 else f"length_{key}"
+            yield (
+                f"contact.{key} = {[low, high]} reaches beyond the structure, 0..{length:g} mm; correct it, or state "
+                f"measured.{stated}"
+            )
     moved = "sensors stand where they were measured; leave it out"
-    for key in ("mounting_tolerance_mm", "min_distance_mm", "keep_out_mm"):
+    for key in ("mounting_tolerance_mm", "min_distance_mm", "keep_out_mm", "keep_out"):
         if getattr(sensors, key):
-            yield f"sensors.{key} is for a beam; {moved}"
+            yield f"sensors.{key} is for a beam or a plate; {moved}"
     if contact.width_mm:
-        yield "contact.width_mm is for a beam; a measured structure is as its loads pressed on it; leave it out"
-    if away := [place for place in sensors.fixed_mm if place not in places.values()]:
-        yield f"sensors.fixed_mm has {away[0]:g} mm, where the table has no sensor; its sensors are {_in_words(places)}"
+        yield (
+            "contact.width_mm is for a beam or a plate; a measured structure is as its loads pressed on it; leave it "
+            "out"
+        )
+    for key, fixed in (
+        ("fixed_mm", [(place,) for place in sensors.fixed_mm]),
+        ("fixed", [(place.x_mm, place.y_mm) for place in sensors.fixed]),
+    ):
+        if away := [place for place in fixed if place not in places.values()]:
+            yield (
+                f"sensors.{key} has {in_words(away[0])} mm, where the table has no sensor; its sensors are "
+                f"{_by_name(places)}"
+            )
     if sensors.count != "auto" and sensors.count_range[0] > len(names):
         yield f"sensors.count = {sensors.count_range[0]}, but the table has {len(names)} sensors: {', '.join(names)}"
 
 
 def _too_far(measured: Measured, contact: Contact) -> Iterator[str]:
     """Yield what to change where sensors show more than a structure of that length can bend."""
-    loads, length_mm = measured.loads, measured.end_mm
+    loads, length_mm = measured.loads, math.hypot(*measured.size_mm)
     if loads.unit != MM:
         return
     shown = {name: abs(column).tolist() for name, column in zip(loads.names, loads.influence_mm_per_n.T, strict=True)}
@@ -118,8 +132,8 @@ def _too_far(measured: Measured, contact: Contact) -> Iterator[str]:
         )
 
 
-def _in_words(places: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} at {place:g} mm" for name, place in places.items())
+def _by_name(places: Mapping[str, tuple[float, ...]]) -> str:
+    return ", ".join(f"{name} at {in_words(place)} mm" for name, place in places.items())
 
 
 def too_close(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, NdBSpline, make_interp_spline
@@ -21,17 +22,26 @@ class PlaceTable:
     The influence of a beam is off by at most 2e-6 of its largest value for any shipped scene, and by 3e-5 right at a
     sensor under a beam with shear, which has a kink there.
 
-    >>> table = PlaceTable(Extent(((0, 4), (0, 2))), lambda place: place[:, :1] * place[:, 1:])
+    >>> table = PlaceTable.over(Extent(((0, 4), (0, 2))), lambda place: place[:, :1] * place[:, 1:])
     >>> table(np.array([[3, 1.5]])).round(9), table.slope(np.array([[3, 1.5]])).round(9)
     (array([[4.5]]), array([[[1.5, 3. ]]]))
     """
 
-    def __init__(self, extent: Extent, values_at: Callable[[Floats], Floats], least: float = -np.inf) -> None:
-        """Compute the values at the nodes; `values_at` takes places (places, axes), no value is below `least`."""
+    def __init__(self, ticks_mm: Sequence[Floats], values: Floats, least: float = -np.inf) -> None:
+        """Take the values (nodes, columns) at all places with these coordinates along each axis, as `grid_of` orders.
+
+        No value between them is below `least`.
+        """
         self._least = least
-        self._ticks = extent.ticks(NODES[extent.axes])
-        self.values: Floats = values_at(grid_of(self._ticks))
+        self._ticks = list(ticks_mm)
+        self.values = values
         """(nodes, columns)"""
+
+    @classmethod
+    def over(cls, extent: Extent, values_at: Callable[[Floats], Floats], least: float = -np.inf) -> Self:
+        """Compute the values at the nodes of an even grid over an extent; `values_at` takes places (places, axes)."""
+        ticks = extent.ticks(NODES[extent.axes])
+        return cls(ticks, values_at(grid_of(ticks)), least)
 
     def __call__(self, place_mm: Floats) -> Floats:
         """Return the values at places (..., axes), (..., columns)."""
