@@ -16,13 +16,14 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from beamtouch_common.outline import BEAM_AXIS
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.processing.pipeline import TimedSample
 from beamtouch_models import change_scene, daemon_config, load_model, resolve
 from beamtouch_models.design.physics.measured_structure import MeasuredStructure
+from beamtouch_models.design.physics.place_table import PlaceTable
+from beamtouch_models.places import positions_of
 from beamtouch_models.runtime import ModelFile, State
 from beamtouch_service.surfaces.follower import Decision
 from support.surfaces.tapered_leaf import influence, loads_csv, scene_of
@@ -62,7 +63,8 @@ class LeafLine(Line):
         super().__init__(model, settings.model_copy(update={"zero_tracking": chosen}))
         structure = self._world.structure
         assert isinstance(structure, MeasuredStructure)  # the scene has a table
-        true = CubicSpline(structure.at_mm, influence(structure.sensor_mm, structure.at_mm))
+        (at_mm,) = structure.ticks_mm
+        true = PlaceTable([at_mm], influence(positions_of(structure.sensor_mm), at_mm))
         self._world = replace(self._world, structure=replace(structure, mean=true))
         self.samples, self.noted, self.off_mm, self.is_held = 0, 0, list[float](), list[bool]()
 
