@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from beamtouch_models.design.building.report.page import Facts, gather, page
 from beamtouch_models.design.building.report.plate_pictures import Map, Region, draw_maps, draw_regions
 from beamtouch_models.design.effort import Effort
 from support.pages.tags import Tags
+from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
 
 pytestmark = pytest.mark.long
@@ -66,6 +68,20 @@ def test_layout_and_keep_outs_are_drawn_to_one_scale(text: str) -> None:
     )
     assert (width, height) == pytest.approx((100 * px, 100 * px), rel=0.01)
     assert (x - sensors[0, 0], sensors[0, 1] - y - height) == pytest.approx((125 * px, 75 * px), abs=0.2)
+
+
+@pytest.mark.soak
+def test_a_plate_is_built_again_with_its_report_where_its_sensors_are_mounted(
+    design_sensors_roughly: Command, tmp_path: Path
+) -> None:
+    scene, model, report = tmp_path / "table.toml", tmp_path / "table.onnx", tmp_path / "table.html"
+    text = (SCENES / "plate-on-springs.toml").read_text(encoding="utf-8")
+    scene.write_text(text.replace("count = 4", "count = 4\ngrid_mm = 50"), encoding="utf-8")
+    assert design_sensors_roughly("build", scene, "-o", model).returncode == 0
+    again = design_sensors_roughly("build", scene, "-o", model, "--report", report)
+    assert again.returncode == 0
+    assert "the sensors stay where" in " ".join(again.stderr.split())
+    assert "They stay where they were mounted." in report.read_text(encoding="utf-8")
 
 
 def test_parts_of_the_map_add_up_to_the_mean_error(facts: Facts) -> None:

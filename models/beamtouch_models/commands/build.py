@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> Result:
         missed_requirement(metadata, asked.scene),
         unseen(metadata),
     )
-    moved = asked.mounted.moves_to(layout.placement.positions_mm) if asked.mounted else ""
+    moved = asked.mounted.moves_to(tuple(layout.placement.places)) if asked.mounted else ""
     short = short_tare(walk_of(metadata, surface.readings), metadata.unit)
     note(moved, weak_spot(metadata, asked.scene), short, kind="warning")
     note(*_not_modelled(surface))
