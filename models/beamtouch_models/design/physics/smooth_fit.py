@@ -54,6 +54,8 @@ class SmoothFit:
     combinations: tuple[Smoothness, ...]
     weights: Floats
     """(combinations,), their sum is 1."""
+    strongest_n: float
+    """The largest force with which values were measured."""
 
     @classmethod
     def of(cls, place_mm: Floats, values: Floats, force_n: Floats) -> Self:
@@ -76,7 +78,9 @@ class SmoothFit:
         share = np.cumsum(np.exp(logs - logs[0]))
         drawn = np.searchsorted(share / share[-1], (np.arange(DRAWS) + 0.5) / DRAWS)
         kept, times = np.unique(drawn, return_counts=True)
-        return cls(place_mm, span_mm, measured, scale, tuple(in_order[index] for index in kept), times / DRAWS)
+        return cls(
+            place_mm, span_mm, measured, scale, tuple(in_order[index] for index in kept), times / DRAWS, force_n.max()
+        )
 
     def at(self, place_mm: Floats) -> tuple[Floats, Floats]:
         """Return the function and its standard deviation (places, columns) at places (places, axes)."""
@@ -111,6 +115,14 @@ class SmoothFit:
         variance = np.zeros(len(self.scale))
         for weight, one, part in self._parts():
             variance[part.columns] += weight * one.proportional * part.process(one).square
+        return np.sqrt(variance) * self.scale
+
+    def scatter_under(self, force_n: float) -> Floats:
+        """Return the standard deviation (columns,) of a value that is measured with a force, about the function."""
+        variance, light = np.zeros(len(self.scale)), (self.strongest_n / force_n) ** 2
+        for weight, one, part in self._parts():
+            scatter = one.scatter**2 * (1 + one.additive * light) / (1 + one.additive)
+            variance[part.columns] += weight * scatter * part.process(one).square
         return np.sqrt(variance) * self.scale
 
     @cached_property

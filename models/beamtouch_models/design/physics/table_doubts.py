@@ -88,8 +88,9 @@ def _contradiction(
     mean, deviation = (rows[0] for rows in without.at(fit.place_mm[[suspect]]))
     off = np.fmin(np.abs(values[suspect] - mean), _off_a_side(fit.place_mm, values, suspect))
     off[np.isnan(values[suspect])] = 0.0
-    worst = int((off / np.hypot(deviation, without.repeatability)).argmax())
-    if off[worst] <= max(SURELY * np.hypot(deviation, without.repeatability)[worst], SO_MUCH * largest[worst]):
+    scatter = np.hypot(deviation, without.scatter_under(float(force_n[suspect])))
+    worst = int((off / scatter).argmax())
+    if off[worst] <= max(SURELY * scatter[worst], SO_MUCH * largest[worst]):
         return ""
     load = f"the load at {in_words(fit.place_mm[suspect])} mm with {force_n[suspect]:g} N"
     both = values[suspect, worst], mean[worst]
