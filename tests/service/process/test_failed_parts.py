@@ -45,6 +45,7 @@ PARTS = [
     Case("mqtt", "beamtouch_service.outputs.mqtt.connection", "Connection", "watch", is_early=True),
     Case("mqtt contacts", "beamtouch_service.outputs.mqtt.contacts", "ContactSender", "_send"),
     Case("mqtt statuses", "beamtouch_service.outputs.mqtt.statuses", "", "status_of"),
+    Case("mqtt descriptions", "beamtouch_service.outputs.mqtt.descriptions", "DescriptionSender", "run", is_early=True),
     Case("mqtt leftovers", "beamtouch_service.outputs.mqtt.leftovers", "Leftovers", "run", is_early=True),
     Case("mqtt events", "beamtouch_service.outputs.mqtt.events", "EventSender", "_find_due"),
     Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "build", is_early=True),

@@ -10,12 +10,14 @@ from typing import Any
 
 import pytest
 
+from service.bench import BuildModel
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Subscriber
 from service.process.conftest import Service
 from service.process.cutting_relay import cutting_relay, publishes_to
 from service.process.mqtt_line import CONTACT, STATUS, Line, events, metric, now_batch, wait_connected, wait_for
 from support.running.debian_parts import require
+from support.surfaces.small_model import PLATE_OUTPUTS
 
 GUIDE = Path(__file__).parents[3] / "docs" / "how-to" / "mqtt.md"
 IMPATIENT = "from beamtouch_service.outputs.mqtt import leftovers; leftovers.ANSWER_S = 0.1"
@@ -117,6 +119,21 @@ def test_home_assistant_is_told_of_a_zone_that_went_and_then_reads_no_more_of_it
     # Nothing is left to remove.
     change(line, service, DISCOVERY, sections=zones("Exit"))
     wait_for(lambda: len(subscriber.messages) == 5)
+
+
+@pytest.mark.promise(
+    "docs/how-to/mqtt.md", "If a surface gets a model with other axes, its sensors change while the service runs."
+)
+def test_home_assistant_is_told_of_the_axes_of_a_model_that_comes_later(line: Line, build_model: BuildModel) -> None:
+    subscriber = line.broker.subscribe("-t", described("press-7"))
+    line.start(DISCOVERY)
+    wait_for(lambda: len(subscriber.messages) == 1)
+    before = subscriber.messages[0].content["components"]
+    build_model(outputs=PLATE_OUTPUTS)  # in the place of the beam
+    wait_for(lambda: len(subscriber.messages) == 3)
+    removing, newest = (one.content["components"] for one in subscriber.messages[1:])
+    assert newest.keys() == before.keys() - {"position"} | {"x", "y"}
+    assert removing == newest | {"position": {"platform": "sensor"}}
 
 
 @pytest.mark.promise("docs/how-to/mqtt.md", "There, `_`, `.` and `/` of the two names are `__u`, `__d` and `__s`")

@@ -163,6 +163,13 @@ class Connection:
         """Have the broker keep a message; an empty text has it forget the one of this topic. Raises as `tell`."""
         await self.tell((topic, text), properties=kept_properties(content_type, self.owner), retain=True)
 
+    async def require_kept(self, topic: str, text: bytes, content_type: str) -> None:
+        """Have the broker keep a message that must be there; raises BrokerError, with what to do if it is refused."""
+        try:
+            await self.keep(topic, text, content_type)
+        except RefusedError as error:
+            raise RefusedError(f"it refuses messages to {topic} ({error}); allow this user to write there") from None
+
     async def tell(self, *messages: tuple[str, bytes], properties: Properties, retain: bool = False) -> bool:
         """Send messages, each a topic and its text, and wait until the broker has acknowledged all.
 

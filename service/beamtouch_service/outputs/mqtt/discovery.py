@@ -87,6 +87,12 @@ def without(described: bytes, gone: dict[str, str]) -> bytes:
     return json.dumps(whole).encode()
 
 
+def find_gone(before: bytes, described: bytes) -> dict[str, str]:
+    """Return the platforms of the components that a description no longer has, by their name."""
+    old, new = components(before), components(described)
+    return {name: platform for name, platform in old.items() if name not in new}
+
+
 def components(described: bytes) -> dict[str, str]:
     """Return the platforms of the components of a description by their name; none of a text that is something else."""
     try:

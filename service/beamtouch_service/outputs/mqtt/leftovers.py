@@ -91,9 +91,8 @@ class Leftovers:
             words = "MQTT broker %s: another service (%s) writes to %s, too; give each service a prefix of its own"
             _log.warning(words, self._where, message.owner, topic)
         elif is_own and topic in self._descriptions:
-            described, before = self._descriptions[topic], discovery.components(message.text)
-            gone = {name: before[name] for name in before.keys() - discovery.components(described).keys()}
-            if gone:
+            described = self._descriptions[topic]
+            if gone := discovery.find_gone(message.text, described):
                 await self._put(connection, topic, discovery.without(described, gone))
                 await self._put(connection, topic, described)
 

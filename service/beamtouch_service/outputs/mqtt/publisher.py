@@ -15,13 +15,13 @@ from beamtouch_common.secrets import read_password
 from beamtouch_common.waits import Backoff
 from beamtouch_service.access import Access
 from beamtouch_service.api.context import Context
-from beamtouch_service.outputs.mqtt import discovery
 from beamtouch_service.outputs.mqtt.connection import Connection
 from beamtouch_service.outputs.mqtt.contacts import ContactSender
+from beamtouch_service.outputs.mqtt.descriptions import DescriptionSender
 from beamtouch_service.outputs.mqtt.events import EventSender
 from beamtouch_service.outputs.mqtt.failures import BrokerError, RefusedError
 from beamtouch_service.outputs.mqtt.leftovers import Leftovers
-from beamtouch_service.outputs.mqtt.messages import JSON, ONLINE, TEXT, Topics
+from beamtouch_service.outputs.mqtt.messages import ONLINE, TEXT, Topics
 from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.mqtt.statuses import StatusSender
 from beamtouch_service.outputs.section import Output
@@ -75,13 +75,13 @@ class Publisher:
         sent = context.counts.counter("mqtt_messages", "Messages sent to the MQTT broker.", "kind")
         self._events = EventSender(context, section, topics, sent.labels("event"))
         surfaces = list(context.registry) if section.home_assistant_discovery else []
-        self._descriptions = {discovery.topic(topics, one.name): discovery.description(topics, one) for one in surfaces}
-        """By topic."""
-        self._leftovers = Leftovers(topics, context.registry.names, self._descriptions, self._where)
+        self._descriptions = DescriptionSender(topics, surfaces)
+        self._leftovers = Leftovers(topics, context.registry.names, self._descriptions.texts, self._where)
         self._senders: dict[str, _Sender] = {
             "events": self._events,
             "contacts": ContactSender(context, topics, section.max_rate_hz, sent.labels("contact")),
             "statuses": StatusSender(context, topics),
+            "descriptions": self._descriptions,
             "leftovers": self._leftovers,
         }
         self._status = _Status.STARTING
@@ -123,10 +123,10 @@ class Publisher:
 
     async def _introduce(self, connection: Connection) -> None:
         """Say that the service is there, and describe its surfaces if that was asked for."""
-        await _keep(connection, self._topics.status, ONLINE.encode(), TEXT)
+        await connection.require_kept(self._topics.status, ONLINE.encode(), TEXT)
+        self._descriptions.update()
         await self._leftovers.begin(connection)
-        for topic, text in self._descriptions.items():
-            await _keep(connection, topic, text, JSON)
+        await self._descriptions.send_all(connection)
         self._note_connected()
 
     def _note_connected(self) -> None:
@@ -159,14 +159,6 @@ class Publisher:
             self._status, self._reason = _Status.LOST_AS_LOGGED, reason
         elif self._status is not _Status.LOST_AS_LOGGED:
             self._status = _Status.LOST
-
-
-async def _keep(connection: Connection, topic: str, text: bytes, content_type: str) -> None:
-    """Have the broker keep a message that must be there; raises BrokerError, with what to do if it is refused."""
-    try:
-        await connection.keep(topic, text, content_type)
-    except RefusedError as error:
-        raise RefusedError(f"it refuses messages to {topic} ({error}); allow this user to write there") from None
 
 
 def _tls(section: MqttSection) -> ssl.SSLContext | None:
