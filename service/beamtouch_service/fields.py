@@ -29,6 +29,8 @@ class Field(Generic[Source]):
     """True if JSON leaves it out while it is empty."""
     example: Any = None
     """A value of it, for documents."""
+    label: str = ""
+    """Its name on the page, as a large figure or as a column; empty if it is neither."""
 
 
 def model_of(name: str, words: str, fields: Iterable[Field[Any]]) -> type[BaseModel]:

@@ -1,6 +1,7 @@
 // The table of recent events: contacts, and stretches that nothing explains.
 
 import { byId, html } from "./dom.js";
+import { COLUMNS } from "./fields.js";
 import { inWords } from "./places.js";
 
 export class Events {
@@ -9,6 +10,7 @@ export class Events {
     this.timer = null;
     this.events = [];
     this.current = true; // whether an open event may be shown as going on
+    byId("events-head").replaceChildren(...COLUMNS.map(heading));
   }
 
   /** Ask now, and from now on every few seconds. */
@@ -49,11 +51,26 @@ export class Events {
   }
 
   row(event, of) {
-    const row = html("tr", { "data-of": of }, html("th", { scope: "row" }, clock(event.touched_at)));
-    const lasted = html("td", {}, duration(event, this.current));
-    if (event.kind === "unexplained") row.append(html("td", { colspan: 2, class: "doubt" }, "unexplained"), lasted);
-    else row.append(place(event), force(event), lasted);
-    return row;
+    return html("tr", { "data-of": of }, ...COLUMNS.flatMap(({ name }) => cell(event, name, this.current) ?? []));
+  }
+}
+
+const heading = ({ label, unit }) => html("th", { scope: "col" }, unit ? `${label}, ${unit}` : label);
+
+/** Return the cell of a column; null if the one beside it covers it. */
+function cell(event, name, current) {
+  const isUnexplained = event.kind === "unexplained";
+  switch (name) {
+    case "touched_at":
+      return html("th", { scope: "row" }, clock(event.touched_at));
+    case "place":
+      return isUnexplained ? html("td", { colspan: 2, class: "doubt" }, "unexplained") : place(event);
+    case "mean_force_n":
+      return isUnexplained ? null : force(event);
+    case "dwell_ms":
+      return html("td", {}, duration(event, current));
+    default:
+      return html("td", {}, `${event[name] ?? "—"}`);
   }
 }
 

@@ -1,5 +1,6 @@
-// The large figures, by the number of axes of a surface. `make reference` writes this file from the table of fields.
+// The figures that the page shows. `make reference` writes this file from the tables of fields.
 
+/** The large figures, by the number of axes of a surface. */
 export const FIGURES = {
   "1": [
     {
@@ -77,3 +78,27 @@ export const FIGURES = {
     }
   ]
 };
+
+/** The columns of an event, on surfaces of any number of axes. */
+export const COLUMNS = [
+  {
+    "name": "touched_at",
+    "label": "Began at",
+    "unit": ""
+  },
+  {
+    "name": "place",
+    "label": "Mean at",
+    "unit": "mm"
+  },
+  {
+    "name": "mean_force_n",
+    "label": "Mean force",
+    "unit": "N"
+  },
+  {
+    "name": "dwell_ms",
+    "label": "For",
+    "unit": "s"
+  }
+];

@@ -1,7 +1,7 @@
 """The fields of an event: one row each, from which every output and its documents are made.
 
-JSON and OpenAPI, CSV, MQTT, OPC UA and the reference have what stands here. Figures of place are named after their
-axis, as `mean_position_mm` on a beam.
+JSON and OpenAPI, CSV, MQTT, OPC UA, the columns of the page and the reference have what stands here. Figures of place
+are named after their axis, as `mean_position_mm` on a beam.
 """
 
 from collections.abc import Callable
@@ -40,9 +40,9 @@ def _stay_of(axes: tuple[str, ...]) -> type[BaseModel]:
     return create_model(name, __doc__="A part of a contact in which one load explains all samples.", **described)
 
 
-def _stored(name: str, kind: object, meaning: str, unit: str = "") -> Field[Numbered]:
+def _stored(name: str, kind: object, meaning: str, unit: str = "", label: str = "") -> Field[Numbered]:
     """Return a field as it is on record."""
-    return Field(name, kind, meaning, attrgetter(f"event.{name}"), unit)
+    return Field(name, kind, meaning, attrgetter(f"event.{name}"), unit, label=label)
 
 
 def _places(axis: str) -> tuple[Field[Numbered], ...]:
@@ -62,17 +62,17 @@ def _places(axis: str) -> tuple[Field[Numbered], ...]:
         return lambda numbered: values[index] if (values := numbered.event.place.get(axis)) else None
 
     return tuple(
-        Field(name, float | None, meaning, read(index), "mm")
+        Field(name, float | None, meaning, read(index), "mm", label="" if index else "Mean at")
         for index, (name, meaning) in enumerate(zip(names, meanings, strict=True))
     )
 
 
-def _force(figure: str, meaning: str) -> tuple[Field[Numbered], ...]:
-    """Return the fields of a force with its 95 % interval."""
+def _force(figure: str, meaning: str, label: str = "") -> tuple[Field[Numbered], ...]:
+    """Return the fields of a force with its 95 % interval; `label`: its column on the page."""
     ends = (f"{end} end of the 95 % interval of this force." for end in ("Lower", "Upper"))
     return tuple(
-        _stored(name, float | None, words, "N")
-        for name, words in zip(names_of(figure, "n"), (meaning, *ends), strict=True)
+        _stored(name, float | None, words, "N", column)
+        for name, words, column in zip(names_of(figure, "n"), (meaning, *ends), (label, "", ""), strict=True)
     )
 
 
@@ -103,6 +103,7 @@ def event_fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field[Numbered],
             str,
             "Time of the first sample (RFC 3339).",
             lambda numbered: rfc3339(numbered.event.touched_us),
+            label="Began at",
         ),
         Field(
             "lifted_at",
@@ -133,6 +134,7 @@ def event_fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field[Numbered],
             # The sender's clock may have been set back during the contact.
             lambda numbered: max(0.0, round((_end_us(numbered.event) - numbered.event.touched_us) / 1e3, 3)),
             "ms",
+            label="For",
         ),
         Field(
             "unexplained_ms",
@@ -146,6 +148,7 @@ def event_fields_of(axes: tuple[str, ...] = BEAM_AXES) -> tuple[Field[Numbered],
             "mean_force",
             "Mean force of the load over its time, without the ramps of touch and lift. Null if the model does not "
             "estimate force. Times `dwell_ms`, it is the impulse.",
+            label="Mean force",
         ),
         *_force("peak_force", "Largest force of the load that lasted. Swings of the beam are none of it."),
         _stored("samples", int, "Number of samples in these figures."),

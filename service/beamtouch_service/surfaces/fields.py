@@ -58,8 +58,6 @@ class Field(fields.Field[View]):
     register: Cell | None = None
     entity: str = ""
     """Its sensor in Home Assistant; empty if it has none."""
-    label: str = ""
-    """Its name on the page, where it is a large figure; empty if it is none."""
     ends: tuple[str, str] | None = None
     """Names of the ends of its interval; None if it has none."""
 

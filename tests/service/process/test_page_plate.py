@@ -22,6 +22,7 @@ y_mm = [40, 120]
 x_mm = [280, 380]
 y_mm = [150, 280]
 """
+HEADINGS = ["Began at", "Mean at, mm", "Mean force, N", "For, s"]
 LENGTH_MM, WIDTH_MM = 400, 300
 PIXEL = 0.6
 _BOXES = """selectors => selectors.map(selector => [...document.querySelectorAll(`#beam ${selector}`)].map(one => {
@@ -92,6 +93,7 @@ def test_a_plate_is_drawn_from_above_to_scale(
     assert "to scale" in seen.text("beam-words")
     assert "x 140 … 260, y 40 … 120 mm: inside" in seen.text("zones")
     seen.wait_for_text("events", "150.0 … 275.0, 75.0 … 137.5")
+    assert seen.page.locator("#events-head th").all_inner_texts() == HEADINGS
     seen.page.wait_for_selector("#y-strip polyline", state="attached")
     assert (seen.overflow(), seen.wrongs(), seen.complaints, seen.strangers()) == (0, [], [], [])
     assert seen.unreadable() == []
