@@ -98,6 +98,18 @@ def test_registers_variables_and_sensors_of_home_assistant() -> None:
     assert "position" not in components
 
 
+def test_after_a_change_of_models_the_channels_and_the_size_are_those_of_the_answer() -> None:
+    bench = Bench(plate())
+    bench.send(TOUCHING)
+    bench.adopt(model_of())
+    (surface,) = bench.app.context.registry
+    state = state_of(surface.view(bench.now_s))
+    assert (places_of(state["contact"]), state["width_mm"], state["channels"][0]["y_mm"]) == (PLACE, 300, 50)
+    bench.send(TOUCHING, sequence=2)
+    state = state_of(surface.view(bench.now_s))
+    assert ("x_mm" in state["contact"], state["width_mm"], "y_mm" in state["channels"][0]) == (False, None, False)
+
+
 @pytest.mark.promise("docs/reference/registers.md", "50 to 55 are NaN on a beam.")
 def test_a_beam_has_no_second_place() -> None:
     surface = surface_of()

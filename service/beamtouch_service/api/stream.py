@@ -42,8 +42,8 @@ def state_of(view: View) -> dict[str, Any]:
         "misfit_limit": view.misfit_limit,
         "age_ms": view.age_ms,
         "channels": [_channel(channel) for channel in view.channels],
-        "length_mm": view.model.metadata.length_mm if view.model else None,
-        "width_mm": view.model.metadata.width_mm if view.model else None,
+        "length_mm": view.drawn_by.metadata.length_mm if view.drawn_by else None,
+        "width_mm": view.drawn_by.metadata.width_mm if view.drawn_by else None,
         "sequence": view.sequence,
     }
 

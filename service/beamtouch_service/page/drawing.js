@@ -30,8 +30,9 @@ export class Drawing {
     }
   }
 
-  /** Return the beam by this model if it has this length, or null while it is not known. */
-  of(model, length) {
-    return this.beam?.model === model && this.beam.length_mm === length ? this.beam : null;
+  /** Return the beam or plate by this model if it has this length and width, or null while it is not known. */
+  of(model, length, width) {
+    const fits = this.beam?.model === model && this.beam.length_mm === length && this.beam.width_mm === width;
+    return fits ? this.beam : null;
   }
 }

@@ -121,7 +121,7 @@ function show() {
   drawChannels(shown.channels, shown.suspect);
   nameModel(shown.contact?.model ?? model);
   if (feed.link === "open") drawing.want(feed.chosen, model);
-  const beam = drawing.of(model, shown.length);
+  const beam = drawing.of(model, shown.length, shown.width);
   const under = (scale) => bands(beam, shown.contact, scale);
   document.body.dataset.axes = axesShown(shown).length;
   (isPlate(shown) ? plateView : beamView).draw(shown, beam?.drawn ?? null, under, (scale) => commissioning.aim(scale));

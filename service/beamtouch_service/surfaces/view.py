@@ -103,6 +103,11 @@ class View(NamedTuple):
         return self.decision.held
 
     @property
+    def drawn_by(self) -> ModelFile | None:
+        """The model of the structure and channels that belong to the answer; without an answer, the model in use."""
+        return self.decided_by or self.model
+
+    @property
     def answered_by(self) -> str | None:
         """Name and fingerprint of the model that gave the answer."""
         return self.decided_by.identity if self.decided_by else None
@@ -188,7 +193,7 @@ class View(NamedTuple):
         if newest is None or not self.is_current:
             return {}
         sent = dict(zip(newest.channels, newest.sample.quality, strict=True))
-        names = self.model.channels if self.model else newest.channels
+        names = self.drawn_by.channels if self.drawn_by else newest.channels
         return {name: newest.bad.get(name) or sent.get(name, Quality.MISSING) for name in names}
 
     @property
@@ -200,9 +205,9 @@ class View(NamedTuple):
     @property
     def channels(self) -> list[ChannelView]:
         """The channels in the order of the model; empty without one."""
-        if self.model is None:
+        if self.drawn_by is None:
             return []
-        newest, qualities, metadata = self.newest, self.qualities, self.model.metadata
+        newest, qualities, metadata = self.newest, self.qualities, self.drawn_by.metadata
         # A deflection that is too old for a contact must not be shown as current either.
         shown = newest if self.is_current else None
         deflections_mm = dict(zip(shown.channels, shown.sample.deflection_mm, strict=True)) if shown else {}

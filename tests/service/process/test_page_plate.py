@@ -141,3 +141,18 @@ def test_the_plate_shows_where_to_press(
     assert (seen.overflow(), seen.complaints) == (0, [])
     seen.page.evaluate("document.getElementById('commissioning').scrollIntoView()")
     seen.picture("plate-commissioning-phone")
+
+
+def test_a_model_of_a_beam_takes_the_place_of_that_of_a_plate(
+    start_press: StartService, build_model: BuildModel, open_page: OpenPage
+) -> None:
+    service = start_press(model=build_model(outputs=PLATE_OUTPUTS), stale_ms=5000)
+    send(service, *[TOUCHING[:3]] * 3, sequence=1)
+    seen = open_page(service.url)
+    seen.page.wait_for_selector("#beam .support.spring", state="attached")
+    seen.wait_for_state("problem")  # stale
+    build_model()
+    seen.page.wait_for_selector("#beam rect.plate", state="detached")
+    send(service, *[TOUCHING[:3]] * 3, sequence=4)
+    seen.wait_for_text("position-interval", "149.0 … 151.0")
+    assert not seen.complaints, "\n".join(seen.complaints)
