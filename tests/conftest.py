@@ -25,6 +25,7 @@ from support.programs.simulated_board import Board, Boards, build_board, build_f
 from support.programs.toolchain import made_once
 from support.running.scheduling import Scheduling
 from support.surfaces.example_scenes import ROUGH, SCENES
+from support.surfaces.plate_models import write_plate_model
 
 # A shell may start background work with Ctrl-C ignored. Processes that tests interrupt would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -127,6 +128,12 @@ def bench_model(built_model: Callable[[str], Path]) -> Path:
 def bench(bench_model: Path) -> runtime.ModelFile:
     """The same model, loaded."""
     return runtime.load(bench_model)
+
+
+@pytest.fixture(scope="session")
+def plate_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model file of `models/scenes/plate-on-springs.toml`, with its sensors in the corners."""
+    return made_once(tmp_path_factory, "plate-model", write_plate_model) / "plate.onnx"
 
 
 @pytest.fixture(scope="session")

@@ -36,8 +36,8 @@ def in_rows(places_mm: ArrayLike, axes: int) -> Floats:
 
 
 def as_stated(place_mm: Floats) -> Floats:
-    """Return places (places, axes) as users state them: positions (places,) on a beam."""
-    return place_mm[:, 0] if place_mm.shape[1] == 1 else place_mm
+    """Return places (..., axes) as users state them: positions (...) on a beam."""
+    return place_mm[..., 0] if place_mm.shape[-1] == 1 else place_mm
 
 
 def in_words(place_mm: ArrayLike) -> str:

@@ -29,6 +29,7 @@ from beamtouch_models.design.world import SensorErrors
 from beamtouch_models.lab.challenge.contacts import STEPS, rested
 from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import rings
+from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import State
 from beamtouch_models.runtime.loading import ModelFile
 from beamtouch_service.samples import Batch
@@ -105,7 +106,7 @@ def forecast(name: str, zone: Zone) -> float:
 
 def drawn(surface: SimulatedSurface, position_mm: Floats, rng: np.random.Generator) -> DrawnContacts:
     """Return contacts at these places, of all forces, on sensors with the errors that the scene states."""
-    return replace(DrawnContacts.of(surface, len(position_mm), rng), position_mm=position_mm)
+    return replace(DrawnContacts.of(surface, len(position_mm), rng), place_mm=on_axis(position_mm))
 
 
 def readings_in(surface: SimulatedSurface, seconds: float) -> int:
@@ -117,13 +118,13 @@ def resting(at: DrawnContacts) -> Loads:
     """Return contacts that have settled."""
     count = readings_in(at.surface, JUDGED_S)
     play = rested(at, least=count)
-    return Loads(play.deflection_mm, play.truth_mm, play.errors, play.deflection_mm.shape[1] - count)
+    return Loads(play.deflection_mm, play.truth_mm[..., 0], play.errors, play.deflection_mm.shape[1] - count)
 
 
 def ringing(at: DrawnContacts) -> Loads:
     """Return sudden forces, judged from their beginning on."""
     play = rings(at, least=readings_in(at.surface, JUDGED_S))
-    return Loads(play.deflection_mm, play.truth_mm, play.errors, at.surface.look_back)
+    return Loads(play.deflection_mm, play.truth_mm[..., 0], play.errors, at.surface.look_back)
 
 
 def moving(at: DrawnContacts, speed_mm_per_s: float) -> Loads:
@@ -133,7 +134,7 @@ def moving(at: DrawnContacts, speed_mm_per_s: float) -> Loads:
     moves = readings_in(surface, min(JUDGED_S, (high - low) / 2 / speed_mm_per_s))
     way_mm = speed_mm_per_s / rate_hz / STEPS * np.arange(moves * STEPS + 1)
     sign = at.rng.choice([-1.0, 1.0], size=(at.draws, 1))
-    path = np.clip(at.position_mm[:, None] + sign * (way_mm - way_mm[-1] / 2), low, high)
+    path = np.clip(at.place_mm + sign * (way_mm - way_mm[-1] / 2), low, high)
     there = path[:, ::STEPS]
     deflection = surface.world.under(there, at.force_n[:, None])
     deflection += surface.world.inertia_mm(path, at.force_n, 1 / rate_hz / STEPS)[:, ::STEPS]

@@ -86,10 +86,10 @@ def line(name: str, position_mm: Floats, truth_mm: Floats, there: Bools, length_
 def said_lines(surface: SimulatedSurface, name: str, verdicts: Verdicts, play: Play, began: int) -> list[str]:
     """Return the errors of a play, and the share of intervals that hold."""
     at = places(surface, began, play.truth_mm.shape[1])
-    truth, contact = play.truth_mm[:, at], verdicts.outcome[:, at] == Outcome.CONTACT
-    held = ((verdicts.low_mm[:, at] <= truth) & (truth <= verdicts.high_mm[:, at]) & contact).sum(axis=0)
+    truth, contact = play.truth_mm[:, at, 0], verdicts.outcome[:, at] == Outcome.CONTACT
+    held = ((verdicts.low_mm[:, at, 0] <= truth) & (truth <= verdicts.high_mm[:, at, 0]) & contact).sum(axis=0)
     shares = [f"{100 * one / of:.0f}" if of else "" for one, of in zip(held, contact.sum(axis=0), strict=True)]
-    errors = line(name, verdicts.position_mm[:, at], truth, contact, surface.metadata.length_mm)
+    errors = line(name, verdicts.place_mm[:, at, 0], truth, contact, surface.metadata.length_mm)
     return [errors, f"| ... intervals that hold, % | {' | '.join(shares)} |"]
 
 
@@ -105,7 +105,7 @@ def mean_since(surface: SimulatedSurface, model: ModelFile, of: Played, began: i
         samples = Weighed(mean[whole], white[:, :, None] * np.eye(channels), white, np.ones(white.shape, np.bool_))
         found[whole, column] = [one.answer["position_mm"] for one in evidence(surface.metadata, model.run, samples)]
     return line(
-        "mean since a known touch", found, of.play.truth_mm[:, at], ~np.isnan(found), surface.metadata.length_mm
+        "mean since a known touch", found, of.play.truth_mm[:, at, 0], ~np.isnan(found), surface.metadata.length_mm
     )
 
 
@@ -129,7 +129,7 @@ def knowing_all(surface: SimulatedSurface, of: Played, began: int) -> str:
             weight = np.maximum(like, 0.0) ** 2 / size / 2
             weight = np.exp(weight - weight.max()) / np.sqrt(size)
             found[draw, column] = weight @ where / weight.sum()
-    truth = of.play.truth_mm[:, at]
+    truth = of.play.truth_mm[:, at, 0]
     return line("posterior, modes, gains and zeros known", found, truth, ~np.isnan(found), metadata.length_mm)
 
 

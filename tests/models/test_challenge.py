@@ -70,7 +70,7 @@ def test_under_drift_the_last_reading_of_a_contact_is_judged_and_the_last_one_af
 ) -> None:
     play = drift.drifts(DrawnContacts.of(surface, 4, np.random.default_rng(3)), together=True)
     (_, contact), (_, lifted) = play.rows
-    is_touched = ~np.isnan(play.truth_mm)
+    is_touched = ~np.isnan(play.truth_mm[..., 0])
     assert is_touched[:, contact].all()
     assert not is_touched[:, contact + 1 :].any()
     assert lifted == play.truth_mm.shape[1] - 1
@@ -80,7 +80,7 @@ def test_a_gap_while_the_beam_rings_begins_so_long_after_the_touch(surface: Simu
     drawn = DrawnContacts.of(surface, 4, np.random.default_rng(3))
     play = contacts.interrupted(drawn, make=ringing.rings, when="while it rings", gap=5, since_s=contacts.RINGING_S)
     assert play.lost is not None
-    begins, touched = play.lost[0].argmax(), (~np.isnan(play.truth_mm[0])).argmax()
+    begins, touched = play.lost[0].argmax(), (~np.isnan(play.truth_mm[0, :, 0])).argmax()
     assert begins - touched == round(contacts.RINGING_S * surface.metadata.sensor.rate_hz)
     assert play.lost[0, begins : begins + 5].all()
 
@@ -108,7 +108,7 @@ def test_a_lost_reading_has_no_statement_and_its_place_in_time_counts(
     assert (heard.outcome[play.lost] == Outcome.NOTHING).all()
     # What a lost reading would have held is of no account.
     other = judge(surface, bench.run, np.where(play.lost[:, :, None], 0.5, readings), lost=play.lost)
-    np.testing.assert_array_equal(heard.position_mm, other.position_mm)
+    np.testing.assert_array_equal(heard.place_mm, other.place_mm)
     # The load came in the gap, and nobody knows when. Had there been none, its second reading would be known well.
     second = play.rows[1][1]
     shorter = judge(surface, bench.run, readings[~play.lost].reshape(4, -1, surface.channels))

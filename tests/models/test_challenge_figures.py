@@ -15,20 +15,20 @@ from beamtouch_models.runtime.error_model import whitening
 
 
 def test_scores_of_samples_by_hand() -> None:
-    judged = Verdicts.silent(np.ones((1, 10, 4), np.bool_)).at(list(range(10)))
+    judged = Verdicts.silent(np.ones((1, 10, 4), np.bool_), axes=1).at(list(range(10)))
     judged.outcome[:9] = [Outcome.CONTACT] * 7 + [Outcome.CLEAR, Outcome.UNEXPLAINED]  # and no statement on the last
     judged.unsteady[[4, 5, 6, 8]], judged.other_note[6] = True, True
-    judged.position_mm[:7], judged.low_mm[:7], judged.high_mm[:7] = 100.0, 90.0, 120.0
+    judged.place_mm[:7], judged.low_mm[:7], judged.high_mm[:7] = 100.0, 90.0, 120.0
     # 100 + 20 holds 115; 135 is within twice the half of 20, 141 is not; 79 is more than twice 10 below.
     # 300 is far off, and said to be unsteady.
-    truth = np.array([115.0, 135.0, 141.0, 79.0, 300.0, 100.0, 100.0, 50.0, 50.0, 50.0])
+    truth = np.array([115.0, 135.0, 141.0, 79.0, 300.0, 100.0, 100.0, 50.0, 50.0, 50.0])[:, None]
     row = scored("by hand", judged, truth, honest=True)
     assert row == Row(
         name="by hand", honest=True, quiet=False, samples=10, error_mm=(15 + 35 + 41 + 21 + 200) / 7,
         held=0.25, plain=4, held_unsteady=0.5, unsteady=2, held_noted=1.0, unexplained=0.1, noted=0.3, clear=0.1,
         silent=0.1, misleading=0.2, interval_mm=30.0,
     )  # fmt: skip
-    nowhere = scored("a fault", judged, np.full(10, np.nan), honest=False)
+    nowhere = scored("a fault", judged, np.full((10, 1), np.nan), honest=False)
     assert (nowhere.held, nowhere.error_mm, nowhere.misleading) == (None, None, 0.4)
     assert nowhere.noticed == pytest.approx(0.4)
 

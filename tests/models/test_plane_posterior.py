@@ -171,31 +171,6 @@ def test_a_plate_is_built_into_a_model_that_answers_by_axis() -> None:
         layout.build(estimator="small-network")
 
 
-@pytest.mark.parametrize(
-    ("command", "says"),
-    [
-        (["challenge", "plate.onnx"], "plate.onnx: its axes are x and y, and challenge knows models of one axis only"),
-        (
-            ["calibrate", "plate.onnx", "loads.csv", "-o", "fitted.onnx"],
-            "plate.onnx: its axes are x and y, and calibrate knows models of one axis only",
-        ),
-    ],
-)
-def test_what_knows_one_axis_refuses_a_plate_in_one_line(tmp_path: Path, command: list[str], says: str) -> None:
-    write_model(tmp_path, "plate", outputs=PLATE_OUTPUTS)
-    (tmp_path / "loads.csv").write_text("load,x_mm,y_mm,force_n\n1,100,80,5\n", encoding="ascii")
-    done = subprocess.run(
-        [sys.executable, "-m", "beamtouch_models.cli", *command],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr == f"design-sensors: {says}\n"
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_build_of_a_plate_does_not_propose_the_rig_which_plays_beams() -> None:
     files = "plate.toml", "plate.onnx", "beamtouch.token", "daemon.toml"
     told = how_to_try(*files, is_recorded=False, has_rig=False)

@@ -18,6 +18,7 @@ from beamtouch_models.design.scene import identity_of
 from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.scene.tables import Sensors
 from beamtouch_models.errors import InputError
+from beamtouch_models.runtime.metadata import Departures
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
 
@@ -250,11 +251,12 @@ def test_the_identity_is_that_of_what_moves_the_sensors() -> None:
 def test_a_stiffer_plate_and_its_springs_yield_less_alike() -> None:
     plate, places = read_scene(SPRINGS).plate, np.array([[100.0, 75.0], [350.0, 50.0]])
     assert plate is not None
-    stiffer = changed(plate, 1.25, (0.0, 0.0))
+    none = Departures.none(4)
+    stiffer = changed(plate, none.model_copy(update={"rigidity": 1.25}))
     assert isinstance(stiffer, Plate)
     assert influence(stiffer, places, places) == pytest.approx(influence(plate, places, places) / 1.25, rel=1e-9)
     with pytest.raises(SceneError, match="fixity: the supports of a plate are free to rotate; give 0 for both"):
-        changed(plate, 1.0, (0.1, 0.0))
+        changed(plate, none.model_copy(update={"fixity": (0.1, 0.0)}))
 
 
 @pytest.mark.soak

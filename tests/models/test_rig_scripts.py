@@ -1,13 +1,16 @@
 """What the rig plays at each moment: the loads of its scripts, and the faults of `--fault`."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from beamtouch_common.errors import InputError
+from beamtouch_common.outline import Outline
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.lab.rig.faults import Faults
-from beamtouch_models.lab.rig.loads import Load, default_script, load_script
+from beamtouch_models.lab.rig.loads import Load, default_script, load_of, load_script
 from support.surfaces.example_scenes import SCENES
 
 TOUCH_MOVE_LIFT = """
@@ -44,15 +47,71 @@ def test_a_script_touches_moves_and_lifts_and_repeats_unless_told_otherwise(
     path = tmp_path / "script.toml"
     for repeat, expected in (("repeat = false", once), ("", again)):
         path.write_text(repeat + TOUCH_MOVE_LIFT)
-        assert load_script(path, 400.0).at(seconds) == expected
+        assert load_script(path, Outline.of_beam(400.0)).at(seconds) == expected
+
+
+PLATE = Outline({"x": 400.0, "y": 300.0})
+
+
+def test_a_load_on_a_plate_moves_along_both_axes(tmp_path: Path) -> None:
+    path = tmp_path / "script.toml"
+    path.write_text("[[step]]\nseconds = 4\nx_mm = [100, 300]\ny_mm = 80\nforce_n = [10, 20]\n[[step]]\nseconds = 1\n")
+    script = load_script(path, PLATE)
+    assert script.at(1.0) == Load((150, 80), 12.5)
+    assert script.at(4.5) == Load(None, 0)
+    assert load_of("150 80 10", PLATE) == Load((150, 80), 10)
+
+
+@pytest.mark.parametrize(
+    ("outline", "keys", "said"),
+    [
+        (PLATE, "position_mm = 3\nforce_n = 1", "step 1: position_mm is not for a plate; give x_mm and y_mm"),
+        (Outline.of_beam(400.0), "x_mm = 3\ny_mm = 3\nforce_n = 1", "x_mm is not for a beam; give position_mm"),
+        (PLATE, "x_mm = 3\nforce_n = 1", "give x_mm, y_mm and force_n together, or none of them for no load"),
+        (PLATE, "x_mm = 3\ny_mm = 3", "give x_mm, y_mm and force_n together"),
+        (PLATE, "x_mm = 3\ny_mm = 3\nposition_mm = 3\nforce_n = 1", "position_mm on a beam, or x_mm and y_mm on a"),
+        (PLATE, "x_mm = 3\ny_mm = [3, 301]\nforce_n = 1", "step 1: y_mm must lie on the plate, 0..300 mm"),
+    ],
+)
+def test_keys_of_another_structure_are_refused_in_one_line(
+    tmp_path: Path, outline: Outline, keys: str, said: str
+) -> None:
+    path = tmp_path / "script.toml"
+    path.write_text(f"[[step]]\nseconds = 1\n{keys}\n")
+    with pytest.raises(InputError) as refused:
+        load_script(path, outline)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("150 10", "give x and y in mm and a force in N, as in 150 80 10"),
+        ("150 80 ten", "give x and y in mm"),
+        ("150 301 10", "10 N at (150, 301) mm is no load on a plate of 400 by 300 mm"),
+    ],
+)
+def test_a_wrong_load_by_hand_is_refused_in_one_line(line: str, said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        load_of(line, PLATE)
 
 
 def test_the_default_script_stays_in_the_range_of_the_scene() -> None:
     script = default_script(load_scene(SCENES / "bench.toml")[0])
     loads = [script.at(time) for time in np.arange(0, 19, 0.05)]
-    touching = [load for load in loads if load.position_mm is not None]
+    touching = [load for load in loads if isinstance(load.place_mm, float)]
     assert 0.6 < len(touching) / len(loads) < 0.95
-    assert all(1 <= (load.position_mm or 0) <= 399 and 2 <= load.force_n <= 20 for load in touching)
+    assert all(isinstance(one.place_mm, float) and 1 <= one.place_mm <= 399 for one in touching)
+    assert all(2 <= load.force_n <= 20 for load in touching)
+
+
+def test_the_default_script_of_a_plate_stays_in_both_ranges_and_moves_along_both() -> None:
+    script = default_script(load_scene(SCENES / "plate-on-springs.toml")[0])
+    loads = [script.at(time) for time in np.arange(0, 19, 0.05)]
+    places = np.array([load.place_mm for load in loads if load.place_mm is not None])
+    assert np.all((places >= 10) & (places <= [390, 290]))
+    assert np.all(np.ptp(places, axis=0) > [150, 100])
 
 
 @pytest.mark.promise(

@@ -65,7 +65,7 @@ def test_a_sudden_touch_errs_as_in_the_challenge(slow: ModelFile) -> None:
     play = rings(DrawnContacts.of(surface, 64, rng))
     (reading,) = [at for name, at in play.rows if name == "sudden force, 200 ms"]
     said = judge(surface, slow.run, surface.world.readings(play.deflection_mm, play.errors, rng), reading).at([reading])
-    off = np.abs(said.position_mm - play.truth_mm[:, reading]) / surface.world.structure.length_mm * 100
+    off = np.abs(said.place_mm - play.truth_mm[:, reading])[:, 0] / surface.world.structure.length_mm * 100
 
     stated = slow.metadata.accuracy.since_touch[2]
 

@@ -19,7 +19,6 @@ from beamtouch_models.lab.challenge.challenge import distances
 from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.rig.loads import NOTHING, Load
 from beamtouch_models.lab.rig.surface import PERFECT, Imperfections, VirtualSurface
-from beamtouch_models.places import on_axis
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import Calibration, Departures, Sensor
 from support.surfaces.example_scenes import SCENES, paper_scene
@@ -131,7 +130,7 @@ def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) 
     drawn = DrawnContacts.of(calibrated, 20, np.random.default_rng(10))
     clean = drawn.deflection_mm
     measured = calibrated.world.measured(clean[:, None], drawn.perfect)[:, 0]
-    linear = drawn.force_n[:, None] * prior.influence_at(on_axis(drawn.position_mm))
+    linear = drawn.force_n[:, None] * prior.influence_at(drawn.place_mm)
     np.testing.assert_allclose(measured, prior.measured(linear), rtol=1e-5)
     every = np.ones(measured.shape, np.bool_)
     assert distances(calibrated, measured, every).max() < 0.05
@@ -190,7 +189,7 @@ def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surf
     def away_mm(speed_mm_per_s: float) -> float:
         play = contacts.moves(DrawnContacts.of(surface, 20, np.random.default_rng(6)), speed_mm_per_s=speed_mm_per_s)
         # The force is the same at all times, so the deflection of the first reading tells it.
-        shape = surface.world.influence(play.truth_mm)
+        shape = surface.world.influence(play.truth_mm[..., 0])
         force = np.linalg.norm(play.deflection_mm[:, :1], axis=2) / np.linalg.norm(shape[:, :1], axis=2)
         return float(np.abs(play.deflection_mm - shape * force[:, :, None]).max())
 

@@ -97,7 +97,7 @@ def test_no_contact_on_a_reading_or_two_is_sure_of_itself_while_a_module_pauses_
     sure = [(moment, view) for moment, view in touched if "unsteady" not in view.notes]
     assert [one for one in sure if (one[0].sample.readings or 0) < 4] == []
     held = [
-        position.low <= (moment.load.position_mm or 0.0) <= position.high
+        isinstance(at_mm := moment.load.place_mm, float) and position.low <= at_mm <= position.high
         for moment, view in touched
         if (position := view.place.get(BEAM_AXIS))
     ]

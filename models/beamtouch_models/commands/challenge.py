@@ -7,22 +7,22 @@ from typing import Any
 
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
-from beamtouch_models.commands.shared import require_one_axis, shown_progress
+from beamtouch_common.outline import names_of
+from beamtouch_models.commands.shared import shown_progress
 from beamtouch_models.commands.workers import spread_over
 from beamtouch_models.design.printing import Result, Table, Words
 from beamtouch_models.lab.challenge.challenge import challenge, misses
 from beamtouch_models.runtime import loading
-
-NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
-"""Outputs without which a model cannot say what it does not know."""
+from beamtouch_models.runtime.decision.evidence import LOG_ODDS
 
 
 def run(options: argparse.Namespace) -> Result:
     """Challenge the model and return the rows of both groups."""
     content = loading.read(options.model)
     model = loading.load_bytes(content, str(options.model))
-    require_one_axis(model.metadata.axes, options.model, "challenge")
-    lacking = ", ".join(name for name in NEEDED if name not in model.outputs)
+    # Without these, a model cannot say what it does not know.
+    needed = [*(name for axis in model.metadata.axes for name in names_of(axis, "mm")[1:]), LOG_ODDS]
+    lacking = ", ".join(name for name in needed if name not in model.outputs)
     if lacking:
         raise InputError(f"{options.model}: its graph does not give {lacking}; build it with another --estimator")
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
@@ -88,8 +88,8 @@ def _cell(key: str, value: float | None) -> str:
 
 _LEGEND = (
     ("samples", "number of samples of the row; all shares are of them, unless other words stand here"),
-    ("error", "mean error of position of the contacts that are answered, with or without a note"),
-    ("interval", "median length of the intervals of position, with or without a note"),
+    ("error", "mean error of the place of the contacts that are answered, with or without a note"),
+    ("interval", "median length of the intervals of the place, with or without a note"),
     ("held", "of the contacts without a note, those whose interval holds the truth; it is made to hold 95 %"),
     ("unsteady", "the same of the contacts with this note, which says that the beam moves"),
     ("other", "the same of the contacts with another note"),

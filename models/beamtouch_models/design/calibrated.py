@@ -8,9 +8,9 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.physics.measured_structure import MeasuredStructure
-from beamtouch_models.design.physics.structure import Structure, changed, influence
+from beamtouch_models.design.physics.structure import Structure, changed, influence, size_of
 from beamtouch_models.design.surface import resolve_model
-from beamtouch_models.places import on_axis, positions_of
+from beamtouch_models.places import as_stated, on_axis
 from beamtouch_models.runtime.metadata import Departures, Metadata
 
 
@@ -38,10 +38,11 @@ def depart(prior: Prior, structure: Structure, width_mm: float, sensor_mm: Float
     """Return the prior of a surface that differs from its scene, with its structure, width of contact and sensors.
 
     Its deflections are linear in the force and hold the gains; `measured` adds curve and offsets. What a calibration
-    finds of a beam are also the positions of its sensors. What the table of a measured structure leaves open stays.
+    finds of a beam or a plate are also the places of its sensors. What the table of a measured structure leaves open
+    stays.
     """
-    real = changed(structure, departures.rigidity, departures.fixity)
-    true_mm, gain = departures.sensors_mm(sensor_mm, structure.length_mm), np.array(departures.gain)
+    real = changed(structure, departures)
+    true_mm, gain = departures.sensors_mm(sensor_mm, size_of(structure)), np.array(departures.gain)
     influence_at = partial(_real_influence, gain, real, true_mm, width_mm)
     variance_at = None
     if isinstance(real, MeasuredStructure) and prior.variance_at is not None:
@@ -50,7 +51,7 @@ def depart(prior: Prior, structure: Structure, width_mm: float, sensor_mm: Float
 
 
 def _real_influence(gain: Floats, structure: Structure, true_mm: Floats, width_mm: float, place_mm: Floats) -> Floats:
-    matrix: Floats = gain * influence(structure, true_mm, positions_of(place_mm), width_mm)
+    matrix: Floats = gain * influence(structure, true_mm, as_stated(place_mm), width_mm)
     return matrix
 
 

@@ -98,8 +98,8 @@ class World:
             The beam cannot be computed. So do the tables.
         """
         off = departures or Departures.none(len(layout_mm))
-        structure = changed(structure_of(scene), off.rigidity, off.fixity)
-        sensor_mm = off.sensors_mm(layout_mm, scene.length_mm)
+        structure = changed(structure_of(scene), off)
+        sensor_mm = off.sensors_mm(layout_mm, scene.size_mm)
         places = extent or Extent(scene.contact.ranges_mm)
         return cls(
             structure, scene.contact.width_mm, places, sensor, sensor_mm, noise_mm, off, direction_of(scene.unit)

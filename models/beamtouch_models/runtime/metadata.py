@@ -298,21 +298,33 @@ class Departures(MetadataPart):
     fixity: Pair = (0.0, 0.0)
     """Fixity of the leftmost and the rightmost support."""
     rigidity: PositiveFloat = 1.0
-    """Factor on E I. Where known loads show only its product with all gains, it holds what the gains have in common."""
+    """Factor on E I, or on a plate and all its springs. Where known loads show only its product with all gains, it
+    holds what the gains have in common."""
+    across_offset_mm: list[FiniteFloat] | None = Field(default=None, exclude_if=_is_none)
+    """True place of each sensor minus that in the layout, along the second axis; only on a plate."""
+    spring_stiffness: list[PositiveFloat] | None = Field(default=None, exclude_if=_is_none)
+    """Factor on the spring in each support of a plate, beside that on all of them; 1 for a rigid support."""
 
     @classmethod
     def none(cls, channels: int) -> "Departures":
         """Return those of a surface that is as its scene says."""
         return cls(position_offset_mm=[0.0] * channels, gain=[1.0] * channels, offset_mm=[0.0] * channels)
 
-    def sensors_mm(self, layout_mm: Floats, length_mm: float) -> Floats:
+    @property
+    def offsets_mm(self) -> Floats:
+        """Offsets of the sensors as their positions are stated: (channels,), on a plate (channels, 2)."""
+        if self.across_offset_mm is None:
+            return np.array(self.position_offset_mm)
+        return np.column_stack([self.position_offset_mm, self.across_offset_mm])
+
+    def sensors_mm(self, layout_mm: Floats, size_mm: tuple[float, ...]) -> Floats:
         """Return the true positions (channels,) of the sensors of a layout on a beam of this length.
 
-        Those of a plate (channels, 2) are as stated: no calibration moves them.
+        On a plate of this size, they are places (channels, 2).
         """
-        if layout_mm.ndim > 1:
+        if layout_mm.ndim > 1 and self.across_offset_mm is None:
             return layout_mm
-        true_mm: Floats = np.clip(layout_mm + np.array(self.position_offset_mm), 0.0, length_mm)
+        true_mm: Floats = np.clip(layout_mm + self.offsets_mm, 0.0, size_mm if layout_mm.ndim > 1 else size_mm[0])
         return true_mm
 
     def measure(self, linear_mm: Floats) -> Floats:
@@ -422,7 +434,12 @@ class Metadata(MetadataPart):
             "placed": [without, uncertain] if without or uncertain else [],
             "influence": [*self.influence.mm_per_n],
             "golden": [*golden.deflection_mm, *(row for whitening in golden.whitening_per_mm for row in whitening)],
-            "calibration.departures": [departures.position_offset_mm, departures.gain, departures.offset_mm]
+            "calibration.departures": [
+                departures.position_offset_mm,
+                *([] if departures.across_offset_mm is None else [departures.across_offset_mm]),
+                departures.gain,
+                departures.offset_mm,
+            ]
             if departures
             else [],
         }

@@ -62,6 +62,10 @@ class HermiteAxis:
         """Return the unknowns (unknowns,) of a deflection that is the coordinate."""
         return np.column_stack([self.nodes, np.full(self.elements + 1, self.step)]).ravel()
 
+    def squared(self) -> Floats:
+        """Return the unknowns (unknowns,) of a deflection that is the square of the coordinate."""
+        return np.column_stack([self.nodes**2, 2 * self.nodes * self.step]).ravel()
+
     def at(self, place: Floats, order: int = 0) -> tuple[Indices, Floats]:
         """Return unknowns and their weights (places, 4) in a derivative of the deflection at places (places,)."""
         element = np.clip((place / self.step).astype(np.intp), 0, self.elements - 1)

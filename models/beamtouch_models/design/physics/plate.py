@@ -47,6 +47,8 @@ KEPT = 2
 the usual CANDIDATES takes 50 MB; larger ones are not kept."""
 FEWER = 8
 """Sensors over loads from which on the influence comes from the loads by reciprocity."""
+FEW, MANY = 16, 32
+"""Largest number of loads whose deflections are kept, and how often; it bounds their memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,8 @@ class FreePlate:
     factors: SuperLU
     rigid: Floats
     """(unknowns, 3) motions of a rigid body: 1, x, y."""
+    few: dict[tuple[bytes, bytes], Floats]
+    """Deflections under few loads that were asked for lately: a fit asks again, with other springs."""
 
     def row(self, place: Floats, order: tuple[int, int] = (0, 0)) -> sp.csr_matrix:
         """Return the weights (places, unknowns) of the unknowns in a derivative at places (places, 2)."""
@@ -78,8 +82,15 @@ class FreePlate:
 
     def deflections(self, loads: sp.csr_matrix) -> Floats:
         """Return the unknowns (unknowns, loads) of the plate held at three corners under loads (loads, unknowns)."""
+        asked = loads.indices.tobytes(), loads.data.tobytes()
+        if (known := self.few.get(asked)) is not None:
+            return known
         deflections = np.zeros((loads.shape[1], loads.shape[0]))
         deflections[self.free] = self.factors.solve(loads[:, self.free].T.toarray())
+        if loads.shape[0] <= FEW:
+            if len(self.few) >= MANY:
+                self.few.clear()
+            self.few[asked] = deflections
         return deflections
 
 
@@ -105,7 +116,7 @@ def free_plate(length_x: float, length_y: float, poisson: float) -> FreePlate:
     )
     ones = x.constant(), y.constant()
     rigid = [np.kron(*ones), np.kron(x.rising(), ones[1]), np.kron(ones[0], y.rising())]
-    return FreePlate(x, y, free, factors, np.stack(rigid, axis=1))
+    return FreePlate(x, y, free, factors, np.stack(rigid, axis=1), {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +172,19 @@ class SupportedPlate:
         plane = np.linalg.lstsq(self._motions(self.at_supports).T, self.flexibility[:, None] * forces, rcond=None)[0]
         bent: Floats = (self._rows(at_mm, 0.0) @ (unknowns - self.body.rigid @ plane)).T
         return self.unit_mm_per_n * bent
+
+    def bowed(self, at_mm: Floats) -> Floats:
+        """Return the deflection (places,) in mm for a curvature of 1/mm that the plate would take without supports.
+
+        It bulges against the direction of the load, as (x^2 + y^2) / 2, and the supports hold it.
+        """
+        x, y = self.body.x, self.body.y
+        free = (np.kron(x.squared(), y.constant()) + np.kron(x.constant(), y.squared()))[:, None] / 2
+        known = np.concatenate([self.at_supports @ free, np.zeros((3, 1))])
+        solved = lu_solve(self.system, known, check_finite=False)
+        field = free - self.pushed @ solved[:-3] + self.body.rigid @ solved[-3:]
+        bowed: Floats = (self._rows(at_mm, 0.0) @ field)[:, 0] * self.unit_mm**2
+        return bowed
 
     def _rows(self, place_mm: Floats, width_mm: float) -> sp.csr_matrix:
         if not width_mm:
@@ -251,6 +275,18 @@ def influence(plate: Plate, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: 
     """
     sensor, load = places_on(sensor_mm, "sensor_mm", plate), places_on(load_mm, "load_mm", plate)
     return supported_plate(plate).influence(sensor, load, width_mm)
+
+
+def heated(plate: Plate, at_mm: Floats) -> Floats:
+    """Return the deflection (places,) in mm at places (places, 2) of a plate that is 1 K warmer above than below.
+
+    The difference of temperature falls evenly through the thickness t: the free plate takes the curvature alpha / t
+    along both axes (Timoshenko & Woinowsky-Krieger, 1959, art. 14). SceneError if its expansion is not stated.
+    """
+    if plate.expansion_per_k is None:
+        raise SceneError("plate: state material or expansion_um_per_m_k; it sets how far heat bows the plate")
+    bowed: Floats = plate.expansion_per_k / plate.thickness_mm * supported_plate(plate).bowed(at_mm)
+    return bowed
 
 
 def influence_of(scene: Scene, plate: Plate) -> InfluenceFunction:

@@ -17,6 +17,7 @@ from beamtouch_models.design.scene.beam import Beam, changed_beam
 from beamtouch_models.design.scene.plate import Plate, stiffened_plate
 from beamtouch_models.errors import SceneError
 from beamtouch_models.places import Extent, in_rows
+from beamtouch_models.runtime.metadata import Departures
 
 Structure = Beam | Plate | MeasuredStructure
 PARTS = 33
@@ -59,22 +60,31 @@ def influence(structure: Structure, sensor_mm: ArrayLike, load_mm: ArrayLike, wi
     return mean
 
 
-def changed(structure: Structure, rigidity: float, fixity: tuple[float, float]) -> Structure:
-    """Return a structure with `rigidity` times its rigidity and with the `fixity` of its first and last support.
+def size_of(structure: Structure) -> tuple[float, ...]:
+    """Return the length of a structure along each axis, in mm."""
+    return structure.size_mm if isinstance(structure, Plate) else (structure.length_mm,)
 
-    The springs of a plate are as much stiffer as the plate: all deflections change alike.
+
+def changed(structure: Structure, departures: Departures) -> Structure:
+    """Return a structure with the rigidity, the fixity of its first and last support, and the springs of departures.
+
+    With the rigidity, the springs of a plate are as much stiffer as the plate: all deflections change alike.
 
     Raises
     ------
     SceneError
-        A support that gets a fixity is missing or already fixed, or the rigidity cannot be computed with.
+        A support that gets a fixity is missing or already fixed, springs are not one a support, or the rigidity cannot
+        be computed with.
     """
+    rigidity, fixity = departures.rigidity, departures.fixity
+    if departures.spring_stiffness is not None and not isinstance(structure, Plate):
+        raise SceneError("spring_stiffness is for a plate; leave it out")
     if isinstance(structure, Beam):
         return changed_beam(structure, rigidity, fixity)
     if isinstance(structure, Plate):
         if any(fixity):
             raise SceneError("fixity: the supports of a plate are free to rotate; give 0 for both")
-        return stiffened_plate(structure, rigidity)
+        return stiffened_plate(structure, rigidity, departures.spring_stiffness)
     if any(fixity):
         raise SceneError("fixity: the supports of a measured structure are not known; give 0 for both")
     return structure.scaled(1 / rigidity)

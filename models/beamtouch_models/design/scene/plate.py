@@ -179,18 +179,22 @@ class Plate(Strict):
         return expansion_per_k_of(self.expansion_um_per_m_k, self.material)
 
 
-def stiffened_plate(plate: Plate, rigidity: float) -> Plate:
+def stiffened_plate(plate: Plate, rigidity: float, spring_stiffness: Sequence[float] | None = None) -> Plate:
     """Return a plate with `rigidity` times its rigidity and the stiffness of its springs.
 
-    Raises SceneError if these cannot be computed with.
+    `spring_stiffness` has another factor on the spring in each support. Raises SceneError if these cannot be computed
+    with.
     """
+    factors = [1.0] * len(plate.support_list) if spring_stiffness is None else spring_stiffness
+    if len(factors) != len(plate.support_list):
+        raise SceneError(f"spring_stiffness has {len(factors)} entries for {len(plate.support_list)} supports")
     fields: dict[str, Any] = plate.model_dump()
     fields["youngs_modulus_gpa"] = plate.modulus_gpa * rigidity
     fields["support_stiffness_n_per_mm"] = None
     stiffness = [support.stiffness_n_per_mm for support in plate.support_list]
     fields["supports"] = [
-        support.model_dump() | {"stiffness_n_per_mm": spring and spring * rigidity}
-        for support, spring in zip(plate.support_list, stiffness, strict=True)
+        support.model_dump() | {"stiffness_n_per_mm": spring and spring * rigidity * factor}
+        for support, spring, factor in zip(plate.support_list, stiffness, factors, strict=True)
     ]
     try:
         return Plate.model_validate(fields)

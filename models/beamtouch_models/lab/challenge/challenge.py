@@ -30,7 +30,9 @@ from beamtouch_models.lab.challenge.contacts import honest_cases, lossy_cases
 from beamtouch_models.lab.challenge.drift import drift_cases
 from beamtouch_models.lab.challenge.faults import error_cases, fault_cases
 from beamtouch_models.lab.challenge.judge import Outcome, Verdicts, judge
+from beamtouch_models.lab.challenge.plates import plate_cases
 from beamtouch_models.lab.challenge.play import Case, DrawnContacts, SimulatedSurface
+from beamtouch_models.places import as_stated, distances_mm, grid_of
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.force_range import ForceRange
@@ -60,9 +62,9 @@ class Row:
     """True if contacts should carry no note: settled, and within the ranges of the model."""
     samples: int
     error_mm: float | None
-    """Mean distance of the position from the truth, over the samples that are a contact."""
+    """Mean distance of the place from the truth, over the samples that are a contact."""
     held: float | None
-    """Share of intervals that hold the truth, of contacts without a note."""
+    """Share of intervals that hold the truth, of contacts without a note; along the axis where it is least."""
     plain: int
     """Number of contacts without a note."""
     held_unsteady: float | None
@@ -80,9 +82,9 @@ class Row:
     """Share without an answer, because too few channels work."""
     misleading: float
     """Share that is a contact without a note although there is no single contact, or although that is further from the
-    position than twice the half-interval on its side."""
+    place than twice the half-interval on its side, along an axis."""
     interval_mm: float | None
-    """Median length of the intervals, with and without a note."""
+    """Median length of the intervals, with and without a note, along all axes."""
     ghosts: float | None = None
     """Share of `plays` in which a contact begins more than once; stated in the last row of a play."""
     plays: int = 0
@@ -120,7 +122,11 @@ def _challenged(content: bytes) -> tuple[ModelFile, SimulatedSurface, tuple[Case
     model = load_bytes(content, "the model")
     surface = SimulatedSurface.of(model.metadata)
     honest = (*honest_cases(surface), *drift_cases(surface))
-    return model, surface, (*honest, *error_cases(surface), *fault_cases(), *lossy_cases(surface))
+    return (
+        model,
+        surface,
+        (*honest, *error_cases(surface), *fault_cases(), *plate_cases(surface), *lossy_cases(surface)),
+    )
 
 
 def _rows(content: bytes, draws: int, seed: int, number: int) -> list[Row]:
@@ -147,7 +153,8 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
     rows = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         scored_readings = [reading for row_name, reading in play.rows if row_name == name]
-        part, truth = verdicts.at(scored_readings), play.truth_mm[:, scored_readings].ravel()
+        truth = play.truth_mm[:, scored_readings].reshape(-1, surface.extent.axes)
+        part = verdicts.at(scored_readings)
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet)
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=power_of_shift(distances(surface, play.fault_mm, part.valid), alpha))
@@ -164,16 +171,16 @@ def scored(name: str, verdicts: Verdicts, truth_mm: Floats, *, honest: bool, qui
     Parameters
     ----------
     name, honest, quiet : name and group of the row
-    said : the statements on the samples (samples,)
-    truth_mm : (samples,) positions of the contacts; NaN where there is no single contact
+    verdicts : the statements on the samples (samples,)
+    truth_mm : (samples, axes) places of the contacts; NaN where there is no single contact
     """
-    single = ~np.isnan(truth_mm)
+    single = ~np.isnan(truth_mm).any(axis=1)
     contact = verdicts.outcome == Outcome.CONTACT
     noted = contact & (verdicts.unsteady | verdicts.other_note)
     plain, unsteady = contact & ~noted, contact & verdicts.unsteady & ~verdicts.other_note
     inside = (verdicts.low_mm <= truth_mm) & (truth_mm <= verdicts.high_mm)  # False for NaN
     unexplained = float((verdicts.outcome == Outcome.UNEXPLAINED).mean())
-    error = np.abs(verdicts.position_mm - truth_mm)[contact & single]
+    error = distances_mm(verdicts.place_mm - truth_mm)[contact & single]
     length = verdicts.high_mm - verdicts.low_mm
     noticed = None if honest else unexplained + float(noted.mean())
     return Row(
@@ -210,15 +217,19 @@ def ghosts(verdicts: Indices) -> float:
 
 
 def _misleads(verdicts: Verdicts, truth_mm: Floats) -> Bools:
-    """Return whether the truth is further from the position than twice the half-interval on its side, or nowhere."""
-    above = truth_mm > verdicts.position_mm
-    half = np.where(above, verdicts.high_mm - verdicts.position_mm, verdicts.position_mm - verdicts.low_mm)
-    far: Bools = ~(np.abs(truth_mm - verdicts.position_mm) <= 2 * half)
-    return far
+    """Return whether the truth is further from the place than twice the half-interval on its side, or nowhere.
+
+    On a plate, along either axis.
+    """
+    above = truth_mm > verdicts.place_mm
+    half = np.where(above, verdicts.high_mm - verdicts.place_mm, verdicts.place_mm - verdicts.low_mm)
+    near = np.abs(truth_mm - verdicts.place_mm) <= 2 * half
+    return np.asarray(~near.all(axis=-1), dtype=np.bool_)
 
 
 def _share(happened: Bools, among: Bools) -> float | None:
-    return float(happened[among].mean()) if among.any() else None
+    """Return the share among some samples of what happened (samples, axes), along the axis where it is least."""
+    return float(happened[among].mean(axis=0).min()) if among.any() else None
 
 
 def misses(row: Row) -> list[str]:
@@ -251,7 +262,7 @@ def _exceeds(share: float, number: int, goal: float) -> bool:
 
 
 PLACES = 1001
-"""Positions of the contacts with which a fault is compared first."""
+"""Places of the contacts with which a fault is compared first."""
 
 
 def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floats:
@@ -260,9 +271,9 @@ def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floa
     `valid` (draws, channels) says which channels take part.
     """
     departures, floor = surface.world.departures, surface.metadata.floor
-    places = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
+    ticks = surface.extent.ticks(PLACES)
     # The deflections that the model expects of contacts, without offsets and the curvature of a calibration.
-    curve = Curve((places,), surface.world.influence(places) * np.array(departures.gain))
+    curve = Curve(tuple(ticks), surface.world.influence(as_stated(grid_of(ticks))) * np.array(departures.gain))
     errors = Errors(surface.min_noise_mm, np.array(floor.gain), np.array(floor.zero_mm))
     weight = np.where(valid, 1 / errors.variance_mm2(fault_mm), 0.0)
     stated = ForceRange(*surface.metadata.ranges.force_n)

@@ -12,6 +12,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.lab.challenge.play import Case, DrawnContacts, Make, Play, SimulatedSurface
 from beamtouch_models.lab.challenge.ringing import ringing_plays, rings
+from beamtouch_models.places import as_stated
 
 SPEEDS_MM_PER_S = (10, 30, 100, 300, 1000)
 STEPS = 8
@@ -36,20 +37,20 @@ class Motion:
     longest_s: float
     """Time that it moves, unless the way is shorter."""
     way: float
-    """Longest way, over the range of contacts."""
+    """Longest way, over the range of contacts; on a plate, over the shorter one."""
     parts: tuple[float, ...]
     """Parts of that time at which it is judged."""
 
     def readings(self, surface: SimulatedSurface, speed_mm_per_s: float, least: int = 0) -> int:
         """Return the number of readings of the motion, at least so many."""
-        (low, high), rate_hz = surface.metadata.ranges.position_mm, surface.metadata.sensor.rate_hz
-        moving_s = min(self.longest_s, self.way * (high - low) / speed_mm_per_s)
+        rate_hz = surface.metadata.sensor.rate_hz
+        moving_s = min(self.longest_s, self.way * float(surface.extent.size_mm.min()) / speed_mm_per_s)
         return max(len(self.parts), least, round(moving_s * rate_hz))
 
     def fits(self, surface: SimulatedSurface, speed_mm_per_s: float, least: int = 0) -> bool:
         """Return whether the range of contacts is long enough for it."""
-        (low, high), rate_hz = surface.metadata.ranges.position_mm, surface.metadata.sensor.rate_hz
-        return speed_mm_per_s * self.readings(surface, speed_mm_per_s, least) / rate_hz <= high - low
+        rate_hz, shortest_mm = surface.metadata.sensor.rate_hz, float(surface.extent.size_mm.min())
+        return speed_mm_per_s * self.readings(surface, speed_mm_per_s, least) / rate_hz <= shortest_mm
 
 
 BEGINS = Motion("moves", 0.2, 0.5, (0.2, 0.4, 0.6, 0.8, 1.0))
@@ -85,7 +86,7 @@ def touched(at: DrawnContacts, *, least: int = 0) -> Play:
     there = np.arange(before + max(before, least)) >= before
     return Play(
         deflection_mm=at.deflection_mm[:, None] * there[:, None],
-        truth_mm=np.where(there, at.position_mm[:, None], np.nan),
+        truth_mm=at.where(np.broadcast_to(there, (at.draws, len(there)))),
         errors=at.honest,
         rows=tuple((f"touch, reading {number}", before + number - 1) for number in (1, 2, 3)),
     )
@@ -98,22 +99,26 @@ def rested(at: DrawnContacts, *, least: int = 0) -> Play:
         play,
         quiet=True,
         deflection_mm=np.pad(play.deflection_mm, ((0, 0), (0, least), (0, 0)), "edge"),
-        truth_mm=np.pad(play.truth_mm, ((0, 0), (0, least)), "edge"),
+        truth_mm=np.pad(play.truth_mm, ((0, 0), (0, least), (0, 0)), "edge"),
         rows=tuple((name, reading + least) for name, reading in play.rows),
     )
 
 
 def moves(at: DrawnContacts, *, speed_mm_per_s: float, motion: Motion = BEGINS, least: int = 0) -> Play:
-    """Return loads that lie still and then move, for at least so many readings; the beam follows with its inertia."""
-    surface, (low, high) = at.surface, at.surface.metadata.ranges.position_mm
+    """Return loads that lie still and then move, for at least so many readings; the beam follows with its inertia.
+
+    On a plate, they move straight in any direction.
+    """
+    surface, extent = at.surface, at.surface.extent
     moving, before = motion.readings(surface, speed_mm_per_s, least), surface.look_back
     step_s = 1 / surface.metadata.sensor.rate_hz / STEPS
-    way = speed_mm_per_s * step_s * np.arange(moving * STEPS + 1)
-    path = at.rng.uniform(low, high - way[-1], size=(at.draws, 1)) + way
-    path = np.where(at.rng.random((at.draws, 1)) < 0.5, path, low + high - path)
+    way = speed_mm_per_s * step_s * np.arange(moving * STEPS + 1)[:, None] * at.directions()[:, None]
+    path = at.rng.uniform(extent.low_mm, extent.high_mm - way[:, -1], size=(at.draws, extent.axes))[:, None] + way
+    mirrored = extent.low_mm + extent.high_mm - path
+    path = np.where(at.rng.random((at.draws, extent.axes))[:, None] < 0.5, path, mirrored)
     there = path[:, ::STEPS]
-    deflection = surface.world.under(there, at.force_n[:, None])
-    deflection += surface.world.inertia_mm(path, at.force_n, step_s)[:, ::STEPS]
+    deflection = surface.under(there, at.force_n[:, None])
+    deflection += surface.world.inertia_mm(as_stated(path), at.force_n, step_s)[:, ::STEPS]
     still = np.repeat(deflection[:, :1], before, axis=1)
     judged = [before + round(part * moving) - 1 for part in motion.parts]
     return Play(
@@ -126,16 +131,16 @@ def moves(at: DrawnContacts, *, speed_mm_per_s: float, motion: Motion = BEGINS, 
 
 
 def _crosses(surface: SimulatedSurface, path_mm: Floats) -> Bools:
-    """Return which paths (draws, steps) cross a support, (draws,)."""
-    held_mm = np.array(surface.world.structure.held_mm)[:, None]
-    crossed: Bools = ((path_mm.min(axis=1) < held_mm) & (held_mm < path_mm.max(axis=1))).any(axis=0)
+    """Return which paths (draws, steps, axes) cross a support of a beam, (draws,); on a plate none does."""
+    held_mm, along_mm = np.array(surface.world.structure.held_mm)[:, None], path_mm[..., 0]
+    crossed: Bools = ((along_mm.min(axis=1) < held_mm) & (held_mm < along_mm.max(axis=1))).any(axis=0)
     return crossed
 
 
 def pressed(at: DrawnContacts, *, times: float, force_n: float) -> Play:
     """Return contacts of some times an end of the stated range of forces."""
     name = f"force {times:g} times the {'smallest' if times < 1 else 'largest'}"
-    return at.settle(name, at.surface.world.under(at.position_mm, np.full(at.draws, times * force_n)))
+    return at.settle(name, at.surface.under(at.place_mm, np.full(at.draws, times * force_n)))
 
 
 def without(at: DrawnContacts, *, missing: int) -> Play:

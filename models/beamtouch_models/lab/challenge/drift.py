@@ -32,7 +32,7 @@ def drifts(at: DrawnContacts, *, together: bool) -> Play:
     who = "together" if together else "one by itself"
     return Play(
         deflection_mm=at.deflection_mm[:, None] * touched[:, None] + moved[:, None] * readings[:, None] / rate_hz,
-        truth_mm=np.where(touched, at.position_mm[:, None], np.nan),
+        truth_mm=at.where(touched),
         errors=at.honest,
         rows=(
             (f"zeros drift {who}, contact", look_back + held - 1),

@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.design.physics.structure import influence
+from beamtouch_models.design.physics.structure import influence, size_of
 from beamtouch_models.design.world import SensorErrors
 from beamtouch_models.lab.challenge.play import Case, DrawnContacts, Make, Play, SimulatedSurface
+from beamtouch_models.places import as_stated
 
 WEDGE = 0.22
 """Deflection that a wedge shows, over the largest; 0.5 mm on the bench."""
@@ -26,7 +27,7 @@ AT_THE_QUARTERS = 0.4
 """Force of two contacts over the largest force; 8 N on the bench."""
 UNEQUAL = 4.0
 SPREAD = (0.1, 0.25, 0.5)
-"""Length of a distributed load over that of the beam."""
+"""Length of a distributed load over that of the beam; on a plate, side of a square over the shorter side."""
 
 
 def fault_cases() -> list[Case]:
@@ -50,7 +51,7 @@ def _fault(at: DrawnContacts, name: str, deflection_mm: Floats, fault: SensorErr
     """Return a play of a fault, on sensors that have their honest errors as well."""
     fault = fault or at.perfect
     errors = replace(fault, gain=fault.gain * at.honest.gain, zero_mm=fault.zero_mm + at.honest.zero_mm)
-    return at.settle(name, deflection_mm, errors, truth_mm=np.full(at.draws, np.nan), fault=fault)
+    return at.settle(name, deflection_mm, errors, truth_mm=np.full_like(at.place_mm, np.nan), fault=fault)
 
 
 def _words(*, touched: bool) -> str:
@@ -84,39 +85,47 @@ def noisy(at: DrawnContacts) -> Play:
 def pulled(at: DrawnContacts, *, times: float) -> Play:
     """Return forces away from the sensors."""
     force = np.full(at.draws, -times * at.surface.metadata.ranges.force_n[0])
-    return _fault(at, f"pull of {times:g} times the smallest force", at.surface.world.under(at.position_mm, force))
+    return _fault(at, f"pull of {times:g} times the smallest force", at.surface.under(at.place_mm, force))
 
 
 def two_contacts(at: DrawnContacts, *, apart: float, ratio: float) -> Play:
-    """Return two contacts at once, some part of the range apart, the second with `ratio` times the force."""
-    low, high = at.surface.metadata.ranges.position_mm
-    first = at.rng.uniform(low, high - apart * (high - low), size=at.draws)
-    second = first + apart * (high - low)
-    swapped = at.rng.random(at.draws) < 0.5
+    """Return two contacts at once, some part of the range apart, the second with `ratio` times the force.
+
+    On a plate, one lies in any direction from the other.
+    """
+    extent = at.surface.extent
+    way = apart * extent.size_mm * at.directions()
+    first = at.rng.uniform(extent.low_mm, extent.high_mm - way, size=at.place_mm.shape)
+    second = first + way
+    swapped = at.rng.random((at.draws, 1)) < 0.5
     first, second = np.where(swapped, second, first), np.where(swapped, first, second)
+    for axis in range(1, extent.axes):
+        mirrored = at.rng.random(at.draws) < 0.5
+        for place in (first, second):
+            place[mirrored, axis] = extent.low_mm[axis] + extent.high_mm[axis] - place[mirrored, axis]
     share = at.force_n / (1 + ratio)
-    clean = at.surface.world.under(first, share) + at.surface.world.under(second, ratio * share)
+    clean = at.surface.under(first, share) + at.surface.under(second, ratio * share)
     name = f"two contacts {apart:g} of the range apart" + (f", 1:{ratio:g}" if ratio != 1 else "")
     return _fault(at, name, clean)
 
 
 def two_at_the_quarters(at: DrawnContacts) -> Play:
-    """Return two equal contacts, each a quarter of the range from an end."""
-    low, high = at.surface.metadata.ranges.position_mm
+    """Return two equal contacts, each a quarter of the range from an end; on a plate, along each axis."""
     force_n = AT_THE_QUARTERS * at.surface.metadata.ranges.force_n[1]
-    places = low + np.array([0.25, 0.75]) * (high - low)
-    deflection_mm = at.surface.world.under(places, np.full(2, force_n)).sum(axis=0)
+    places = at.surface.extent.at(np.array([[0.25], [0.75]]))
+    deflection_mm = at.surface.under(places, np.full(2, force_n)).sum(axis=0)
     return _fault(at, "two contacts at the quarters", np.tile(deflection_mm, (at.draws, 1)))
 
 
 def distributed(at: DrawnContacts, *, part: float) -> Play:
-    """Return loads that press evenly on a part of the beam."""
-    world, (low, high) = at.surface.world, at.surface.metadata.ranges.position_mm
-    width_mm = part * world.structure.length_mm
-    margin_mm = min(width_mm, high - low) / 2
-    middle = at.rng.uniform(low + margin_mm, high - margin_mm, at.draws)
-    clean = influence(world.structure, world.sensor_mm, middle, width_mm) * at.force_n[:, None]
-    return _fault(at, f"load spread over {100 * part:g} % of the beam", clean)
+    """Return loads that press evenly on a part of the beam, or on a square of a plate."""
+    world, extent = at.surface.world, at.surface.extent
+    width_mm = part * min(size_of(world.structure))
+    margin_mm = np.minimum(width_mm, extent.size_mm) / 2
+    middle = at.rng.uniform(extent.low_mm + margin_mm, extent.high_mm - margin_mm, at.place_mm.shape)
+    clean = influence(world.structure, world.sensor_mm, as_stated(middle), width_mm) * at.force_n[:, None]
+    where = "the beam" if extent.axes == 1 else "the shorter side, both ways"
+    return _fault(at, f"load spread over {100 * part:g} % of {where}", clean)
 
 
 GAINS_PERCENT = (0.3, 1.0, 3.0)
@@ -132,7 +141,7 @@ def error_cases(surface: SimulatedSurface) -> list[Case]:
     noise_mm = surface.metadata.noise.reading_mm
     cases = [Case(percent / 100 <= gain + 1e-9, partial(gains_off, percent=percent)) for percent in GAINS_PERCENT]
     cases += [Case(noises * noise_mm <= zero_mm + 1e-9, partial(zeros_off, noises=noises)) for noises in ZEROS]
-    if not surface.scene.has_beam:  # what the sensors show was measured where they stand
+    if not surface.scene.is_computed:  # what the sensors show was measured where they stand
         return cases
     return [*cases, Case(surface.scene.sensors.mounting_tolerance_mm >= OFF_MM, places_off)]
 
@@ -159,7 +168,8 @@ def _normal(at: DrawnContacts) -> Floats:
 def places_off(at: DrawnContacts) -> Play:
     """Return contacts on sensors that are mounted beside their positions."""
     world, width_mm = at.surface.world, at.surface.scene.contact.width_mm
-    sensors_mm = np.clip(world.sensor_mm + OFF_MM * _normal(at), 0.0, world.structure.length_mm)
-    contacts = zip(sensors_mm, at.position_mm, at.force_n, strict=True)
+    off_mm, size_mm = OFF_MM * at.rng.normal(size=(at.draws, *world.sensor_mm.shape)), size_of(world.structure)
+    sensors_mm = np.clip(world.sensor_mm + off_mm, 0.0, size_mm if len(size_mm) > 1 else size_mm[0])
+    contacts = zip(sensors_mm, as_stated(at.place_mm[:, None]), at.force_n, strict=True)
     clean = np.array([force * influence(world.structure, own, place, width_mm)[0] for own, place, force in contacts])
     return at.settle(f"positions {OFF_MM:g} mm off", clean, fault=at.perfect)

@@ -5,6 +5,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from beamtouch_common.outline import names_of
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.pricing.noise import chain_of
 from beamtouch_models.design.replay import replay
@@ -34,20 +35,20 @@ class Verdicts:
     unsteady: Bools
     other_note: Bools
     """True where there is a note other than `unsteady`."""
-    position_mm: Floats
+    place_mm: Floats
+    """(draws, samples, axes), as are its interval; NaN where nothing is said."""
     low_mm: Floats
     high_mm: Floats
-    """NaN where nothing is said."""
     valid: Bools
     """(draws, samples, channels), which channels take part."""
 
     @classmethod
-    def silent(cls, valid: Bools) -> "Verdicts":
+    def silent(cls, valid: Bools, axes: int) -> "Verdicts":
         """Return verdicts of which there are none yet."""
         shape = valid.shape[:2]
-        position, low, high = np.full((3, *shape), np.nan)
+        place, low, high = np.full((3, *shape, axes), np.nan)
         unsteady, other = np.zeros((2, *shape), np.bool_)
-        return cls(np.full(shape, Outcome.NOTHING), unsteady, other, position, low, high, valid)
+        return cls(np.full(shape, Outcome.NOTHING), unsteady, other, place, low, high, valid)
 
     def at(self, readings: list[int]) -> "Verdicts":
         """Return the statements at some readings of each draw, as one axis of samples."""
@@ -65,7 +66,8 @@ def judge(
     metadata, length = surface.metadata, readings_mm.shape[1]
     came = np.ones(readings_mm.shape[:2], np.bool_) if lost is None else ~lost
     samples = _samples(surface, readings_mm, came)
-    judged = Verdicts.silent(samples.valid.reshape(readings_mm.shape))
+    figures = [names_of(axis, "mm") for axis in metadata.axes]
+    judged = Verdicts.silent(samples.valid.reshape(readings_mm.shape), len(figures))
     is_asked = np.arange(len(samples.valid)) % length >= first
     enough = np.flatnonzero(is_asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
     shown = evidence(metadata, run, samples.part(enough)) if len(enough) else []
@@ -79,8 +81,10 @@ def judge(
         if verdict.state is State.CONTACT:
             answer = of_sample.answer
             judged.other_note[place] = is_overload(metadata, of_sample) or is_unchecked(metadata, of_sample)
-            judged.position_mm[place] = answer["position_mm"]
-            judged.low_mm[place], judged.high_mm[place] = answer["position_low_mm"], answer["position_high_mm"]
+            for axis, names in enumerate(figures):
+                judged.place_mm[place][axis], judged.low_mm[place][axis], judged.high_mm[place][axis] = (
+                    answer[name] for name in names
+                )
     return judged
 
 

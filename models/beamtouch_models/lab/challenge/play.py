@@ -13,6 +13,7 @@ from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.design.world import SensorErrors, World
 from beamtouch_models.filters import Walk
+from beamtouch_models.places import Extent, as_stated
 from beamtouch_models.runtime.metadata import Metadata
 
 SPARE = 8
@@ -63,6 +64,15 @@ class SimulatedSurface:
         return self.world.channels
 
     @property
+    def extent(self) -> Extent:
+        """The places of contacts."""
+        return self.metadata.extent
+
+    def under(self, place_mm: Floats, force_n: Floats) -> Floats:
+        """Return deflections at rest (..., channels) in mm under contacts at places (..., axes) with forces (...)."""
+        return self.world.under(as_stated(place_mm), force_n)
+
+    @property
     def min_noise_mm(self) -> float:
         """Noise of a settled sample."""
         return self.metadata.filter.min_noise_mm(self.metadata.noise)
@@ -91,7 +101,7 @@ class Play:
     deflection_mm: Floats
     """(draws, readings, channels), true deflection at the sensors."""
     truth_mm: Floats
-    """(draws, readings), where the contact is; NaN where there is no single contact."""
+    """(draws, readings, axes), where the contact is; NaN where there is no single contact."""
     errors: SensorErrors
     rows: tuple[tuple[str, int], ...]
     """Each row of the result: its name, and the reading that it judges."""
@@ -116,8 +126,8 @@ class DrawnContacts:
     draws: int
     rng: np.random.Generator
     """For whatever else a play draws."""
-    position_mm: Floats
-    """(draws,)"""
+    place_mm: Floats
+    """(draws, axes)"""
     force_n: Floats
     """(draws,)"""
     honest: SensorErrors
@@ -126,9 +136,19 @@ class DrawnContacts:
     @classmethod
     def of(cls, surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Self:
         """Draw contacts and errors."""
-        ranges = surface.metadata.ranges
-        position, force = rng.uniform(*ranges.position_mm, size=draws), rng.uniform(*ranges.force_n, size=draws)
-        return cls(surface, draws, rng, position, force, surface.honest(draws, rng))
+        place_mm = surface.extent.uniform(draws, rng)
+        force_n = rng.uniform(*surface.metadata.ranges.force_n, size=draws)
+        return cls(surface, draws, rng, place_mm, force_n, surface.honest(draws, rng))
+
+    def directions(self) -> Floats:
+        """Return a direction for each draw, (draws, axes): along a beam, or anywhere into the first quarter of a plate.
+
+        Mirrored along each axis, these are all directions.
+        """
+        if self.surface.extent.axes == 1:
+            return np.ones((self.draws, 1))
+        angle = self.rng.uniform(0, np.pi / 2, size=self.draws)
+        return np.column_stack([np.cos(angle), np.sin(angle)])
 
     @property
     def perfect(self) -> SensorErrors:
@@ -138,7 +158,14 @@ class DrawnContacts:
     @cached_property
     def deflection_mm(self) -> Floats:
         """(draws, channels) at rest under the contacts."""
-        return self.surface.world.under(self.position_mm, self.force_n)
+        return self.surface.under(self.place_mm, self.force_n)
+
+    def where(self, there: Bools, other_mm: Floats | float = np.nan) -> Floats:
+        """Return the places of the contacts (draws, readings, axes) where they are `there` (draws, readings).
+
+        Elsewhere it is `other_mm`; NaN: there is no single contact.
+        """
+        return np.where(there[..., None], self.place_mm[:, None], other_mm)
 
     @cached_property
     def one(self) -> Floats:
@@ -164,7 +191,7 @@ class DrawnContacts:
         fault : the part of the errors that is the fault, if this is one
         """
         clean = self.deflection_mm if deflection_mm is None else deflection_mm
-        truth, length = self.position_mm if truth_mm is None else truth_mm, self.surface.look_back
+        truth, length = self.place_mm if truth_mm is None else truth_mm, self.surface.look_back
         return Play(
             deflection_mm=np.repeat(clean[:, None], length, axis=1),
             truth_mm=np.repeat(truth[:, None], length, axis=1),

@@ -8,6 +8,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.world import World
 from beamtouch_models.lab.challenge.play import DrawnContacts, Make, Play
+from beamtouch_models.places import as_stated
 
 SINCE_MS = (20, 50, 100, 200, 500)
 """Times after the beginning of a load at which a beam that rings is judged."""
@@ -53,18 +54,18 @@ def rings(
     """
     world, (readings, seconds) = at.surface.world, _since(at, least)
     if damping_ratio is not None:
-        damped = at.surface.scene.beam.model_copy(update={"damping_ratio": damping_ratio})
+        damped = at.surface.scene.solid.model_copy(update={"damping_ratio": damping_ratio})
         world = replace(world, structure=damped)
     if jitter_s:
         seconds = seconds + at.rng.normal(scale=jitter_s, size=seconds.shape)
     grown = np.clip(seconds / lasting_s, 0.0, 1.0) if lasting_s else (seconds >= 0).astype(np.float64)
-    ringing = world.ringing_mm(at.position_mm, at.force_n, seconds, weighs=weighs, lasting_s=lasting_s)
+    ringing = world.ringing_mm(as_stated(at.place_mm), at.force_n, seconds, weighs=weighs, lasting_s=lasting_s)
     kind = "weight laid on" if weighs else f"force in {1e3 * lasting_s:.0f} ms" if lasting_s else "sudden force"
     kind += f", jitter {1e3 * jitter_s:g} ms" if jitter_s else ""
     kind += f", damping {damping_ratio:.1%}" if damping_ratio else ""
     return Play(
         deflection_mm=at.deflection_mm[:, None] * grown[:, :, None] + ringing,
-        truth_mm=np.where(seconds >= 0, at.position_mm[:, None], np.nan),
+        truth_mm=at.where(seconds >= 0),
         errors=at.honest,
         rows=_rows(kind, readings),
     )
@@ -81,10 +82,9 @@ def touches_again(at: DrawnContacts, *, after_s: float) -> Play:
     there = (seconds >= 0)[:, :, None]
     # The scene allows the filter its time.
     told = seconds < surface.metadata.filter.settling_ms * 1e-3 - after_s
-    before_mm = np.where(told, former.position_mm[:, None], np.nan)
     return Play(
         deflection_mm=lying + at.deflection_mm[:, None] * there + _rung(world, at, seconds),
-        truth_mm=np.where(seconds >= 0, at.position_mm[:, None], before_mm),
+        truth_mm=at.where(seconds >= 0, former.where(told)),
         errors=at.honest,
         rows=_rows(f"sudden force {after_s:g} s after a lift", readings),
         again=True,
@@ -100,7 +100,7 @@ def taps(at: DrawnContacts) -> Play:
     told = (seconds >= 0) & (seconds < TAP_S + at.surface.metadata.filter.settling_ms * 1e-3)
     return Play(
         deflection_mm=tapped.deflection_mm[:, None] * there + ringing,
-        truth_mm=np.where(told, at.position_mm[:, None], np.nan),
+        truth_mm=at.where(told),
         errors=at.honest,
         rows=_rows("after a tap", readings),
         again=True,
@@ -115,7 +115,7 @@ def lifts(at: DrawnContacts) -> Play:
     told = seconds < at.surface.metadata.filter.settling_ms * 1e-3
     return Play(
         deflection_mm=still - _rung(at.surface.world, at, seconds),
-        truth_mm=np.where(told, at.position_mm[:, None], np.nan),
+        truth_mm=at.where(told),
         errors=at.honest,
         rows=_rows("after a lift", readings),
     )
@@ -123,7 +123,7 @@ def lifts(at: DrawnContacts) -> Play:
 
 def _rung(world: World, at: DrawnContacts, seconds: Floats) -> Floats:
     """Return what ringing adds after sudden forces."""
-    return world.ringing_mm(at.position_mm, at.force_n, seconds)
+    return world.ringing_mm(as_stated(at.place_mm), at.force_n, seconds)
 
 
 def _rows(kind: str, readings: list[int]) -> tuple[tuple[str, int], ...]:

@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, description="Simulate a surface and serve its readings over Modbus or serial.")
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file of the simulated beam (TOML)")
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file of the simulated surface (TOML)")
     words = "model file with the sensor positions (.onnx)"
     parser.add_argument("--model", type=Path, required=True, metavar="MODEL", help=words)
     device = parser.add_mutually_exclusive_group(required=True)
@@ -55,8 +55,8 @@ def _parser() -> Parser:
     touching.add_argument(
         "--by-hand",
         action="store_true",
-        help="take loads from standard input: a position in mm and a force in N per line; an empty line lifts. A line "
-        "may also be a fault as with --fault, without times, or mend, which ends all faults",
+        help="take loads from standard input: a position in mm (on a plate, x and y) and a force in N per line; an "
+        "empty line lifts. A line may also be a fault as with --fault, without times, or mend, which ends all faults",
     )
     parser.add_argument(
         "--fault",
@@ -67,10 +67,10 @@ def _parser() -> Parser:
         "the replies), late:80 (ms that each takes longer), pause (the device does nothing). @10..20 puts it on from "
         "10 to 20 s after the start, @10.. from 10 s on, and @0..0.06/0.4 for 0.06 s every 0.4 s. May be repeated",
     )
-    parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true position and force every 10 ms")
+    parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true place and force every 10 ms")
     words = "differences of the real surface from the scene (TOML)"
     parser.add_argument("--imperfections", type=Path, metavar="FILE", help=words)
-    words = "let the beam follow a load at once. By default it rings, with the damping that the scene states"
+    words = "let the surface follow a load at once. By default it rings, with the damping that the scene states"
     parser.add_argument("--no-ringing", action="store_true", help=words)
     number, words = whole_number(0, 2**32 - 1), "seed of the noise (default: 0)"
     parser.add_argument("--seed", type=number, default=0, metavar="S", help=words)

@@ -10,11 +10,13 @@ from typing import Annotated, NamedTuple, Self
 from pydantic import Field, model_validator
 
 from beamtouch_common.files import load_toml
+from beamtouch_common.outline import BEAM_AXES, PLATE_AXES, Outline, axes_of
 from beamtouch_common.typed import typed_line
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.scene.tables import Finite, Pair, PositiveFinite, Strict
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig.faults import FORMS, REPLIES, SENSORS, Faults
+from beamtouch_models.places import Place, in_words
 
 MEND = "mend"
 
@@ -22,36 +24,54 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Load(NamedTuple):
-    """The load at one instant; its position is None if nothing touches."""
+    """The load at one instant; its place is None if nothing touches."""
 
-    position_mm: float | None
+    place_mm: Place | None
     force_n: float
 
 
 NOTHING = Load(None, 0.0)
+Ends = float | tuple[float, float]
+"""A number that stays, or numbers at the start and at the end of a step."""
 
 
 class Step(Strict):
-    """One step of a script: no load without a position, a resting load with one position, a moving load with two."""
+    """One step of a script: no load without a place, a resting load with one place, a moving load with two."""
 
     seconds: PositiveFinite
     """Length of the step."""
     position_mm: Finite | Pair | None = None
-    """Place of the load, or places at the start and the end of the step. Without it, nothing touches."""
+    """Place of the load on a beam, or places at the start and the end of the step. Without a place, nothing touches."""
+    x_mm: Finite | Pair | None = None
+    """The same on a plate, along x."""
+    y_mm: Finite | Pair | None = None
+    """The same on a plate, along y."""
     force_n: NotNegative | Annotated[tuple[NotNegative, NotNegative], Field(strict=False)] | None = None
     """Force of the load, or forces at the start and the end of the step."""
 
     @model_validator(mode="after")
-    def _both_or_neither(self) -> Self:
-        if (self.position_mm is None) != (self.force_n is None):
-            raise ValueError("give position_mm and force_n together, or neither for no load")
+    def _all_or_none(self) -> Self:
+        if self.position_mm is not None and len(self.coordinates) > 1:
+            raise ValueError("give position_mm on a beam, or x_mm and y_mm on a plate, not both")
+        wanted = PLATE_AXES if {*self.coordinates} & {*PLATE_AXES} else BEAM_AXES
+        stated = [*(axis in self.coordinates for axis in wanted), self.force_n is not None]
+        if any(stated) and not all(stated):
+            places = ", ".join(f"{axis}_mm" for axis in wanted)
+            raise ValueError(f"give {places} and force_n together, or none of them for no load")
         return self
+
+    @property
+    def coordinates(self) -> dict[str, Ends]:
+        """Axis -> coordinate of the load; none without a load."""
+        stated = {axis: getattr(self, f"{axis}_mm") for axis in (*BEAM_AXES, *PLATE_AXES)}
+        return {axis: ends for axis, ends in stated.items() if ends is not None}
 
     def at(self, fraction: float) -> Load:
         """Return the load at a fraction 0..1 of the step."""
-        if self.position_mm is None or self.force_n is None:
+        if self.force_n is None:
             return NOTHING
-        return Load(_between(self.position_mm, fraction), _between(self.force_n, fraction))
+        place_mm = tuple(_between(ends, fraction) for ends in self.coordinates.values())
+        return Load(place_mm if len(place_mm) > 1 else place_mm[0], _between(self.force_n, fraction))
 
 
 class Script(Strict):
@@ -75,43 +95,58 @@ class Script(Strict):
         return self.step[-1].at(1.0)
 
 
-def _between(ends: float | tuple[float, float], fraction: float) -> float:
+def _between(ends: Ends, fraction: float) -> float:
     if not isinstance(ends, tuple):
         return ends
     return ends[0] + fraction * (ends[1] - ends[0])
 
 
-def load_script(path: Path, length_mm: float) -> Script:
-    """Read a script file for a beam of `length_mm`; raises InputError with the reason if it is wrong."""
-    script = load_toml(Script, path)
+def load_script(path: Path, outline: Outline) -> Script:
+    """Read a script file for a structure of this outline; raises InputError with the reason if it is wrong."""
+    script, what = load_toml(Script, path), "beam" if outline.axes == BEAM_AXES else "plate"
     for number, step in enumerate(script.step, start=1):
-        ends = step.position_mm if isinstance(step.position_mm, tuple) else (step.position_mm,)
-        if any(end is not None and not 0 <= end <= length_mm for end in ends):
-            raise SceneError(f"{path}: step {number}: position_mm must lie on the beam, 0..{length_mm:g} mm")
+        for axis, ends in step.coordinates.items():
+            where = f"{path}: step {number}: {axis}_mm"
+            if axis not in outline.axes:
+                raise SceneError(f"{where} is not for a {what}; give {_keys_of(outline)}")
+            length_mm = outline.lengths_mm[axis]
+            if not all(0 <= end <= length_mm for end in (ends if isinstance(ends, tuple) else (ends,))):
+                raise SceneError(f"{where} must lie on the {what}, 0..{length_mm:g} mm")
     return script
 
 
-def default_script(scene: Scene) -> Script:
-    """Return a script of about 20 s that touches, rests, moves and lifts over the whole range of a scene."""
-    low, high = scene.contact.position_mm
-    weak, strong = scene.contact.force_range_n
-    middle = (weak + strong) / 2
+def _keys_of(outline: Outline) -> str:
+    return " and ".join(f"{axis}_mm" for axis in outline.axes)
 
-    def at(fraction: float) -> float:
-        return low + fraction * (high - low)
+
+def default_script(scene: Scene) -> Script:
+    """Return a script of about 20 s that touches, rests, moves and lifts over the whole range of a scene.
+
+    On a plate, the loads lie on the line from the upper left to the lower right.
+    """
+    weak, strong = scene.contact.force_range_n
+    middle, ranges_mm = (weak + strong) / 2, scene.contact.ranges_mm
+
+    def step(seconds: float, fractions: Ends, force_n: Ends) -> Step:
+        ends = fractions if isinstance(fractions, tuple) else (fractions,)
+        place: dict[str, Ends] = {}
+        for falls, (axis, (low, high)) in enumerate(zip(axes_of(len(ranges_mm)), ranges_mm, strict=True)):
+            along = [low + (1 - end if falls else end) * (high - low) for end in ends]
+            place[f"{axis}_mm"] = (along[0], along[1]) if len(along) > 1 else along[0]
+        return Step.model_validate({"seconds": seconds, "force_n": force_n, **place})
 
     return Script(
         step=[
             Step(seconds=1.0),
-            Step(seconds=2.0, position_mm=at(0.25), force_n=middle),
-            Step(seconds=3.0, position_mm=(at(0.25), at(0.75)), force_n=middle),
-            Step(seconds=1.5, position_mm=at(0.75), force_n=middle),
+            step(2.0, 0.25, middle),
+            step(3.0, (0.25, 0.75), middle),
+            step(1.5, 0.75, middle),
             Step(seconds=1.0),
-            Step(seconds=2.0, position_mm=at(0.5), force_n=strong),
-            Step(seconds=3.0, position_mm=(at(0.5), at(0.2)), force_n=(strong, middle)),
+            step(2.0, 0.5, strong),
+            step(3.0, (0.5, 0.2), (strong, middle)),
             Step(seconds=1.0),
-            Step(seconds=1.5, position_mm=at(0.4), force_n=(weak + middle) / 2),
-            Step(seconds=2.5, position_mm=(at(0.4), at(0.8)), force_n=(middle, strong)),
+            step(1.5, 0.4, (weak + middle) / 2),
+            step(2.5, (0.4, 0.8), (middle, strong)),
         ]
     )
 
@@ -119,8 +154,8 @@ def default_script(scene: Scene) -> Script:
 class ByHand:
     """The load of the last line touches the surface. An empty line lifts it. Faults stay until `mend`."""
 
-    def __init__(self, length_mm: float, faults: Faults) -> None:
-        self._length_mm, self._faults = length_mm, faults
+    def __init__(self, outline: Outline, faults: Faults) -> None:
+        self._outline, self._faults = outline, faults
         self._load = NOTHING
 
     def follow(self, clock: Callable[[], float]) -> None:
@@ -149,24 +184,28 @@ class ByHand:
         if line.split(":", maxsplit=1)[0] in (*SENSORS, *REPLIES):
             self._faults.add(line, seconds)
             return f"{line} is on"
-        self._load = load_of(line, self._length_mm)
-        position_mm, force_n = self._load
-        return "nothing is on" if position_mm is None else f"{force_n:g} N at {position_mm:g} mm is on"
+        self._load = load_of(line, self._outline)
+        place_mm, force_n = self._load
+        return "nothing is on" if place_mm is None else f"{force_n:g} N at {in_words(place_mm)} mm is on"
 
 
-def load_of(line: str, length_mm: float) -> Load:
-    """Read a position and a force, or nothing; raises ValueError with the reason in one line."""
+def load_of(line: str, outline: Outline) -> Load:
+    """Read a place and a force, or nothing; raises ValueError with the reason in one line."""
     words = line.split()
     if not words:
         return NOTHING
     try:
-        position_mm, force_n = map(float, words)
+        *place_mm, force_n = map(float, words)
     except ValueError:
-        message = (
-            "give a position in mm and a force in N, as in 150 10, or an empty line to lift the load; "
-            f"or a fault, {FORMS}, or {MEND} to end all faults"
+        place_mm, force_n = [], math.nan
+    if len(place_mm) != len(outline.axes):
+        form = "a position in mm and a force in N, as in 150 10"
+        if outline.axes != BEAM_AXES:
+            form = f"{' and '.join(outline.axes)} in mm and a force in N, as in 150 80 10"
+        raise ValueError(
+            f"give {form}, or an empty line to lift the load; or a fault, {FORMS}, or {MEND} to end all faults"
         )
-        raise ValueError(message) from None
-    if not (0 <= position_mm <= length_mm and 0 <= force_n < math.inf):
-        raise ValueError(f"{force_n:g} N at {position_mm:g} mm is no load on a beam of {length_mm:g} mm")
-    return Load(position_mm, force_n)
+    lies_on = all(0 <= mm <= length for mm, length in zip(place_mm, outline.lengths_mm.values(), strict=True))
+    if not (lies_on and 0 <= force_n < math.inf):
+        raise ValueError(f"{force_n:g} N at {in_words(place_mm)} mm is no load on {outline}")
+    return Load(tuple(place_mm) if len(place_mm) > 1 else place_mm[0], force_n)

@@ -11,12 +11,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
 from beamtouch_common.commands import DONE, INTERRUPTED
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import require_writable
 from beamtouch_common.listening import remedy
+from beamtouch_common.outline import Outline, axes_of
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig.devices import ADC_BITS, Module, SerialDevice, rtu_server, start_board, tcp_server
@@ -27,7 +29,6 @@ from beamtouch_models.lab.rig.surface import PERFECT, VirtualSurface, load_imper
 from beamtouch_models.runtime import loading
 
 TRUTH_PERIOD_S = 0.01
-TRUTH_HEADER = "unix_time_s,position_mm,force_n"
 
 Touching = Callable[[], tuple[Load, float]]
 """Returns the load on the surface now, and the time since the start [s]."""
@@ -47,17 +48,20 @@ def run(options: argparse.Namespace) -> int:
     require_writable([options.truth], inputs)
     scene, _ = load_scene(options.scene)
     model, module = loading.load(options.model), _module_of(options)
-    if len(model.metadata.axes) > 1:
-        raise SceneError(f"{options.model}: its axes are x and y, and the rig plays structures of one axis only")
-    length_mm, names = scene.length_mm, [channel.name for channel in model.metadata.layout]
+    axes, names = axes_of(len(scene.size_mm)), [channel.name for channel in model.metadata.layout]
+    outline = Outline(dict(zip(axes, scene.size_mm, strict=True)))
+    if model.metadata.outline.axes != axes:
+        raise SceneError(
+            f"{options.model}: it is a model of {model.metadata.outline}, but {options.scene} is a scene of {outline}"
+        )
     # The rig passes replies on itself, and can delay them or leave them out, but for a board and a real port.
     on_a_port = options.modbus_rtu is not None and options.modbus_rtu.is_char_device()
     faults = Faults(names, options.fault, options.seed, own_line=options.firmware is None and not on_a_port)
     script: Script | ByHand
     if options.by_hand:
-        script = ByHand(length_mm, faults)
+        script = ByHand(outline, faults)
     else:
-        script = load_script(options.script, length_mm) if options.script else default_script(scene)
+        script = load_script(options.script, outline) if options.script else default_script(scene)
     imperfect = load_imperfections(options.imperfections) if options.imperfections else PERFECT
     rings = not options.no_ringing
     surface = VirtualSurface(scene, model.metadata, options.seed, imperfect, faults=faults, rings=rings)
@@ -107,7 +111,7 @@ async def _serve(
             script.follow(clock)
         tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
         if options.truth is not None:
-            tasks.append(asyncio.ensure_future(_write_truth(options.truth, touching)))
+            tasks.append(asyncio.ensure_future(_write_truth(options.truth, surface.axes, touching)))
         tasks.append(asyncio.ensure_future(stop.wait()))
         done, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in pending:
@@ -181,12 +185,12 @@ def _announce(where: str) -> None:
     print(f"listening on {where}", flush=True)
 
 
-async def _write_truth(path: Path, touching: Touching) -> None:
+async def _write_truth(path: Path, axes: tuple[str, ...], touching: Touching) -> None:
     """Write the true load every 10 ms; each row is flushed at once, so that a reader can follow the file live."""
     with path.open("w", encoding="ascii", buffering=1) as file:
-        file.write(TRUTH_HEADER + "\n")
+        file.write(",".join(["unix_time_s", *(f"{axis}_mm" for axis in axes), "force_n"]) + "\n")
         while True:
             now, _ = touching()
-            position = "" if now.position_mm is None else f"{now.position_mm:.4f}"
-            file.write(f"{time.time():.6f},{position},{now.force_n:.4f}\n")
+            there = [""] * len(axes) if now.place_mm is None else [f"{mm:.4f}" for mm in np.atleast_1d(now.place_mm)]
+            file.write(f"{time.time():.6f},{','.join(there)},{now.force_n:.4f}\n")
             await asyncio.sleep(TRUTH_PERIOD_S)
