@@ -68,8 +68,8 @@ def measured(name: str, mistake: str, runs: int, hand_mm: float, *, anywhere: bo
         loads = recorded(model.metadata, real, rng, hand_mm=hand_mm, anywhere=anywhere)
         wrong = None
         if mistake != "none":
-            position, force, row = with_mistake(mistake, loads, model.metadata.ranges.position_mm, rng)
-            loads, wrong = replace(loads, position_mm=position, force_n=force), int(loads.number[row])
+            place, force, row = with_mistake(mistake, loads, model.metadata.ranges.position_mm, rng)
+            loads, wrong = replace(loads, place_mm=place, force_n=force), int(loads.number[row])
         counts[outcome(model, loads, wrong)] += 1
     wanted = "accepted" if mistake == "none" else "named"
     row_name = f"{name}, {mistake}" + (f", placed to {hand_mm:g} mm" if hand_mm else "")

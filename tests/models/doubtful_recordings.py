@@ -25,7 +25,7 @@ def doubtful(
     low, high = metadata.ranges.position_mm
     count = len(plain.number)
     stated_n = np.where(np.arange(count) % 2, plain.force_n, plain.force_n / 2)
-    at_mm = np.clip(plain.position_mm + hand_mm * rng.normal(size=count), low, high)
+    at_mm = np.clip(plain.place_mm[:, 0] + hand_mm * rng.normal(size=count), low, high)
     pressed_n = stated_n * (1 + 0.01 * hand_mm * rng.normal(size=count))
     if wrong == "hanger":
         pressed_n = pressed_n + HANGER * stated_n.mean()
@@ -44,8 +44,8 @@ def doubtful(
     noisy_mm = measured_mm + plain.deviation_mm * rng.normal(size=measured_mm.shape)
     loads = replace(plain, force_n=stated_n, measured_mm=noisy_mm)
     if wrong == "mistyped load":
-        position_mm, force_n, row = with_mistake(MISTYPED, loads, metadata.ranges.position_mm, rng)
-        loads, named = replace(loads, position_mm=position_mm, force_n=force_n), f"load {loads.number[row]} ("
+        place_mm, force_n, row = with_mistake(MISTYPED, loads, metadata.ranges.position_mm, rng)
+        loads, named = replace(loads, place_mm=place_mm, force_n=force_n), f"load {loads.number[row]} ("
     return loads, named
 
 

@@ -206,7 +206,7 @@ def loads_of(model: ModelFile, measured_mm: Floats, stated_n: Floats, stated_mm:
     rng = np.random.default_rng(5)
     plain = recorded(model.metadata, PERFECT, rng)
     noisy_mm = measured_mm + plain.deviation_mm * rng.normal(size=measured_mm.shape)
-    return dataclasses.replace(plain, position_mm=stated_mm, force_n=stated_n, measured_mm=noisy_mm)
+    return dataclasses.replace(plain, place_mm=on_axis(stated_mm), force_n=stated_n, measured_mm=noisy_mm)
 
 
 def told_of(checked: CheckedFit) -> dict[str, str]:

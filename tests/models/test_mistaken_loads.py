@@ -80,8 +80,8 @@ def test_a_mistyped_load_is_named_and_honest_ones_are_accepted(
     metadata, rng = runtime.load(built_model(name)).metadata, np.random.default_rng([5, 5])
     nominal = NominalSurface.of(metadata)
     honest = recorded(metadata, random_imperfections(metadata, rng), rng, hand_mm=0.3)
-    position, force, wrong = with_mistake(mistake, honest, metadata.ranges.position_mm, rng)
-    loads = dataclasses.replace(honest, position_mm=position, force_n=force)
+    place, force, wrong = with_mistake(mistake, honest, metadata.ranges.position_mm, rng)
+    loads = dataclasses.replace(honest, place_mm=place, force_n=force)
     assert [one.index for one in mistaken(nominal, loads)] == [wrong]
     assert mistaken(nominal, honest) == ()
 
@@ -106,7 +106,7 @@ def measured_as(change: Callable[[Floats], Floats]) -> Callable[[Loads], Loads]:
 
 
 def exchanged(loads: Loads) -> Loads:
-    loads.position_mm[[2, 6]] = loads.position_mm[[6, 2]]
+    loads.place_mm[[2, 6]] = loads.place_mm[[6, 2]]
     return loads
 
 
@@ -118,8 +118,8 @@ def shuffled(loads: Loads) -> Loads:
 def on_supports(loads: Loads) -> Loads:
     """Loads that move no sensor."""
     noise_mm = loads.deviation_mm * np.random.default_rng(2).normal(size=loads.measured_mm.shape)
-    ends_mm = np.where(loads.position_mm > 200, 400.0, 0.0)
-    return dataclasses.replace(loads, position_mm=ends_mm, measured_mm=noise_mm)
+    ends_mm = np.where(loads.place_mm > 200, 400.0, 0.0)
+    return dataclasses.replace(loads, place_mm=ends_mm, measured_mm=noise_mm)
 
 
 REVERSED = "channels seem to be in reverse order, or positions to be measured from the"

@@ -19,11 +19,13 @@ from beamtouch_models.design.building.replaced import require_model
 from beamtouch_models.design.calibration.calibrate import Calibrated, CheckedFit, calibrate
 from beamtouch_models.design.calibration.choice import has_one_scale
 from beamtouch_models.design.calibration.doubts import common_in_words
+from beamtouch_models.design.calibration.nominal_surface import SPRING
 from beamtouch_models.design.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.design.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.design.calibration.session import DRIFTING, SHIFT, WEIGHT
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.printing import Result
+from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.health.changes import DRIFT
 from beamtouch_models.runtime.health.residuals import LoadErrors
@@ -39,6 +41,8 @@ SAME_FORCE = (
     "all loads have about the same force, so a weight that was forgotten would pass for a softer beam; record some "
     "loads with another force, such as half of it"
 )
+HARDLY = 0.6
+"""Error of the stiffness of a spring, over what is plausible before any load, from which loads tell little of it."""
 SCALED = 2.0
 """Standard errors from which a scale of all deflections is more than chance."""
 TELL_APART = (
@@ -51,7 +55,8 @@ TELL_APART = (
 def run(options: argparse.Namespace) -> Result:
     """Calibrate and write the model; the result is the departures with the errors or misfits before and after."""
     model = loading.load(options.model)
-    require_one_axis(model.metadata.axes, options.model, "calibrate")
+    if options.events is not None:
+        require_one_axis(model.metadata.axes, options.model, "calibrate --events")
     require_writable([options.output], [options.readings, options.events])
     require_model(options.output)
     fit_to = _calibrate_with_loads if options.events is None else _calibrate_with_contacts
@@ -143,12 +148,16 @@ def _scale_in_words(value: float, error: float) -> str:
     return f"deflects {percent} per newton than the scene says: rigidity, gains or forces"
 
 
-def _common(checked: CheckedFit, kind: str, size_of: Callable[[Floats], float]) -> dict[str, float | bool] | None:
-    """Return the size of a mistake that all loads share, and whether it surely is there; None if it does not show."""
+def _common(checked: CheckedFit, kind: str, size_of: Callable[[Floats], float | Floats]) -> dict[str, Any] | None:
+    """Return the size of a mistake that all loads share, and whether it surely is there; None if it does not show.
+
+    On a plate, a shift has a size along each axis.
+    """
     fit = checked.fit
     if kind not in fit.kinds:
         return None
-    return {"value": size_of(fit.vector), "standard_error": size_of(fit.spread), "is_sure": kind in checked.sure}
+    value, error = (np.squeeze(size_of(entries)).tolist() for entries in (fit.vector, fit.spread))
+    return {"value": value, "standard_error": error, "is_sure": kind in checked.sure}
 
 
 def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> Told:
@@ -210,6 +219,11 @@ def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[
     }
     if "position" in errors:
         shown["position"] = f"{each(found.position_offset_mm, errors['position'])} mm"
+    if "x" in errors and found.across_offset_mm is not None:
+        shown["x"] = f"{each(found.position_offset_mm, errors['x'])} mm"
+        shown["y"] = f"{each(found.across_offset_mm, errors['y'])} mm"
+    if "springs" in errors and found.spring_stiffness is not None:
+        shown["springs"] = _springs_in_words(metadata, found.spring_stiffness, errors["springs"])
     shown["curve"] = f"{found.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per {metadata.unit}"
     shown["offset"] = _each_fine(metadata, 1e3 * np.array(found.offset_mm), 1e3 * errors["offset"])
     if "fixity" in errors:
@@ -217,6 +231,22 @@ def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[
         left, right = (f"{value:.3f} +- {error:.3f}" for value, error in ends)
         shown["fixity"] = f"left {left}, right {right}"
     return shown
+
+
+def _springs_in_words(metadata: Metadata, stiffness: Sequence[float], errors: Floats) -> str:
+    """Return by how much each spring of a plate is stiffer than all of them are in common.
+
+    Springs that the loads hardly tell from gains are as uncertain as before them.
+    """
+    plate = resolve_model(metadata).scene.plate
+    supports = () if plate is None else plate.support_list
+    sprung = [place for place, one in enumerate(supports) if one.stiffness_n_per_mm is not None]
+    texts = [
+        f"{place + 1} {100 * (stiffness[place] - 1):+.2f} +- {100 * error:.2f}"
+        for place, error in zip(sprung, errors.tolist(), strict=True)
+    ]
+    hardly = "; these loads hardly tell them from gains" if min(errors) > HARDLY * SPRING else ""
+    return f"{', '.join(texts)} %{hardly}"
 
 
 def _each_fine(metadata: Metadata, values_um: Floats, errors_um: Floats) -> str:

@@ -120,6 +120,13 @@ def posterior_median_mm(prior: Prior, deflection_mm: Floats) -> Floats:
     return posterior_quantiles(prior, deflection_mm)[0][:, 0]
 
 
+def posterior_places_mm(prior: Prior, deflection_mm: Floats) -> Floats:
+    """Return the posterior medians along each axis, (draws, axes) in mm; arguments as `posterior_median_mm`."""
+    if prior.extent.axes == 1:
+        return posterior_median_mm(prior, deflection_mm)[:, None]
+    return summarize(prior, deflection_mm).median_mm
+
+
 @dataclass(frozen=True)
 class Reached:
     """The mean error of estimates beside its limit, in mm, on the same contacts."""

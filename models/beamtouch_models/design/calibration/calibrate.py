@@ -33,6 +33,7 @@ from beamtouch_models.design.sweeps import Fraction, Progress, silent
 from beamtouch_models.design.world import World
 from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
 from beamtouch_models.names import ESTIMATORS
+from beamtouch_models.places import distances_mm, in_words
 from beamtouch_models.runtime.loading import ModelFile
 from beamtouch_models.runtime.metadata import Calibration, Departures, Metadata
 
@@ -174,7 +175,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress, mounting_mm:
         after[index] = _errors_mm(nominal.prior_with(others.departures), others.departures, load)[0]
     # A single sample has this error in addition, and the loads themselves stand a little off.
     best = float(np.hypot(limit_mm(nominal.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
-    if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
+    if not after.mean() <= max(MAX_LEFT * model.metadata.diagonal_mm, best):
         raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
     if np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best):
         raise NotGoodEnoughError(
@@ -195,8 +196,8 @@ def _errors_mm(prior: Prior, departures: Departures, loads: Loads) -> Floats:
         noise_mm = float(deviation[valid].mean())
         exact = prior.with_noise_alone(noise_mm)
         linear_mm = departures.linear_mm(measured)[valid][None]
-        found_mm = limit.posterior_median_mm(exact.without(*np.flatnonzero(~valid).tolist()), linear_mm)[0]
-        errors[index] = abs(found_mm - loads.position_mm[index])
+        found_mm = limit.posterior_places_mm(exact.without(*np.flatnonzero(~valid).tolist()), linear_mm)[0]
+        errors[index] = distances_mm(found_mm - loads.place_mm[index])
     return errors
 
 
@@ -206,15 +207,15 @@ def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
     clean = loads.force_n[:, None] * prior.influence_at(loads.place_mm)
     noise = rng.normal(size=(draws, *clean.shape)) * prior.errors.deviation_mm(clean)
     readings = (clean + noise).reshape(-1, prior.channels)
-    off = limit.posterior_median_mm(prior, readings).reshape(draws, -1) - loads.position_mm
-    return float(np.abs(off).mean())
+    found_mm = limit.posterior_places_mm(prior, readings).reshape(draws, *loads.place_mm.shape)
+    return float(distances_mm(found_mm - loads.place_mm).mean())
 
 
 def _contradiction(loads: Loads, mistaken_loads: tuple[MistakenLoad, ...]) -> str:
     """Return the message that names the loads that contradict the others, and where the others place them."""
     told = [
-        f"{loads.in_words(load.index)} says {loads.position_mm[load.index]:g} mm "
-        f"and {loads.force_n[load.index]:g} N, but the other loads place it at {digits(load.position_mm, 4)} mm with "
+        f"{loads.in_words(load.index)} says {in_words(loads.place_mm[load.index])} mm "
+        f"and {loads.force_n[load.index]:g} N, but the other loads place it at {_to_four_digits(load)} mm with "
         f"{digits(load.force_n, 3)} N"
         for load in mistaken_loads
     ]
@@ -223,6 +224,12 @@ def _contradiction(loads: Loads, mistaken_loads: tuple[MistakenLoad, ...]) -> st
     numbers = " ".join(f"--leave-out {loads.number[load.index]}" for load in mistaken_loads)
     end = "record more loads to find out which" if what else f"correct it, or use {numbers}"
     return f"{what}{'; '.join(told)}; {end}; nothing was written"
+
+
+def _to_four_digits(load: MistakenLoad) -> str:
+    """Return the place of a load, as `places.in_words` has it."""
+    numbers = [digits(float(number), 4) for number in load.place_mm]
+    return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
 
 
 def _another_surface(shown: str, hint: str = UNRELATED) -> str:
@@ -252,7 +259,7 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
         "nothing was written: a model fitted to these loads would be worse. A fit locates left-out loads to "
         f"{digits(after.mean(), 4)} mm, the given model to {digits(before.mean(), 4)} mm. The largest error is that "
         f"of {loads.in_words(worst)}, {digits(after[worst], 3)} mm. Keep the model, or check the loads and record more "
-        "over the whole beam"
+        f"over the whole {'beam' if loads.place_mm.shape[1] == 1 else 'plate'}"
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_common.units import MM
+from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import AGREED
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
@@ -20,10 +21,11 @@ from beamtouch_models.design.calibration.session import COMMON, SHIFT, WEIGHT, S
 SURELY, PERHAPS = 5.0, 1.0
 """Gain of the logarithm of the probability from which something is named, and from which it is fitted beside all else,
 so that the errors of the fit hold it."""
-MORE_FORCE, LESS_FORCE, MOVED = (
+MORE_FORCE, LESS_FORCE, MOVED, MOVED_ON_PLATE = (
     "as with a hanger or a pan that was not weighed",
-    "as if the pan had lain on the beam at the tare, or the zero of the scale were off",
+    "as if the pan had lain on the {} at the tare, or the zero of the scale were off",
     "as if position_mm were not measured from the left end of the beam",
+    "as if x_mm and y_mm were not measured from the lower left corner of the plate",
 )
 HARMLESS_BEND, HARMLESS_NOISES = 0.03, 2.0
 """Largest own bend that does no harm: relative to the largest deflection of the channel, and in noises of a sample."""
@@ -76,23 +78,32 @@ def _with_a_mistyped_load(nominal: NominalSurface, loads: Loads, kinds: tuple[st
 
 def common_in_words(found: Fit, sure: tuple[str, ...]) -> dict[str, str]:
     """Return what all loads have beyond what is stated, by what it is of: "forces" and "places"; empty if nothing."""
-    told = {}
-    for kind, of, size_of, unit in (
-        (WEIGHT, "forces", found.session.weight_n, "N"),
-        (SHIFT, "places", found.session.shift_mm, "mm"),
-    ):
-        if kind not in found.kinds:
-            continue
-        value = size_of(found.vector)
-        size = f"{digits(abs(value), 3)} +- {digits(size_of(found.spread), 2)} {unit}"
-        if kind == WEIGHT:
-            what = f"each load presses with {size} more than stated, {MORE_FORCE}"
-            if value < 0:
-                what = f"each load presses with {size} less than stated, {LESS_FORCE}"
-        else:
-            what = f"each load stands {size} farther {'right' if value > 0 else 'left'} than stated, {MOVED}"
-        told[of] = f"{'' if kind in sure else 'perhaps '}{what}; the fit allows for it"
+    told, session = {}, found.session
+    for kind, of in ((WEIGHT, "forces"), (SHIFT, "places")):
+        if kind in found.kinds:
+            what = _weight_in_words(found) if kind == WEIGHT else _shift_in_words(session, found.vector, found.spread)
+            told[of] = f"{'' if kind in sure else 'perhaps '}{what}; the fit allows for it"
     return told
+
+
+def _weight_in_words(found: Fit) -> str:
+    value, error = found.session.weight_n(found.vector), found.session.weight_n(found.spread)
+    size = f"{digits(abs(value), 3)} +- {digits(error, 2)} N"
+    if value < 0:
+        what = "beam" if found.nominal.prior.extent.axes == 1 else "plate"
+        return f"each load presses with {size} less than stated, {LESS_FORCE.format(what)}"
+    return f"each load presses with {size} more than stated, {MORE_FORCE}"
+
+
+def _shift_in_words(session: Session, vector: Floats, spread: Floats) -> str:
+    sides = [("left", "right"), ("down", "up")]
+    told = [
+        f"{digits(abs(value), 3)} +- {digits(error, 2)} mm farther {side[value > 0]}"
+        for side, value, error in zip(
+            sides, session.shift_mm(vector).tolist(), session.shift_mm(spread).tolist(), strict=False
+        )
+    ]
+    return f"each load stands {' and '.join(told)} than stated, {MOVED if len(told) == 1 else MOVED_ON_PLATE}"
 
 
 def _bend_in_words(found: Fit, kind: str, names: list[str]) -> str:

@@ -126,10 +126,15 @@ def _log_evidence(
     whitened = (whitening @ residuals.left_mm[..., None])[..., 0]
     _, log_weights = np.linalg.slogdet(whitening)
     _, log_volume = np.linalg.slogdet(covariance)
-    fitted, stated = (sizes.along(residuals.moved_mm) ** 2 for sizes in (errors, about))
+    fitted, stated = _own(errors), _own(about)
     safe = np.maximum(fitted, np.finfo(np.float64).tiny)
     of_errors = -PSEUDO_LOADS / 2 * float((stated / safe + np.log(safe)).sum())
     return float(log_weights.sum() - ((whitened**2).sum() + vector @ vector - log_volume) / 2) + of_errors
+
+
+def _own(errors: LoadErrors) -> Floats:
+    """Return the variances of places and forces, (2,)."""
+    return np.array(astuple(errors)[:2]) ** 2
 
 
 def _covariance(weighed: Floats, about: Floats) -> Floats:
@@ -180,14 +185,16 @@ def _likely_errors(residuals: Residuals, about: LoadErrors, start: LoadErrors, f
     is_measured, noise_mm = residuals.is_measured, residuals.noise_mm
     share = freedom / is_measured.sum()
     moved, residual_mm = np.moveaxis(residuals.moved_mm, 0, 2), residuals.left_mm[..., None]
-    prior = about.along(residuals.moved_mm) ** 2
+    prior = _own(about)
+    # Loads are placed as well along each axis.
+    each = [0] * (moved.shape[2] - 1) + [1]
     variance = np.array(astuple(start)) ** 2
     variance[2] = max(variance[2], float((noise_mm[is_measured] ** 2).mean()))
     for _ in range(UPDATES):
         inverse = np.linalg.inv(residuals.covariance_mm2(LoadErrors(*np.sqrt(variance).tolist())))
         pulled = inverse @ residual_mm
-        pulls = ((moved.transpose(0, 2, 1) @ pulled) ** 2).sum(axis=(0, 2))
-        traces = share * (moved * (inverse @ moved)).sum(axis=(0, 1))
+        pulls = np.bincount(each, ((moved.transpose(0, 2, 1) @ pulled) ** 2).sum(axis=(0, 2)))
+        traces = np.bincount(each, share * (moved * (inverse @ moved)).sum(axis=(0, 1)))
         safe = np.maximum(variance[:2], np.finfo(np.float64).tiny)
         pulls, traces = pulls + PSEUDO_LOADS * prior / safe**2, traces + PSEUDO_LOADS / safe
         own = share * np.trace(inverse * is_measured[..., None], axis1=1, axis2=2).sum()

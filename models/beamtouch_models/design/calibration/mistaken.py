@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import f as f_distribution
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.fit import ROUNDS, Fit, fit
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
@@ -39,9 +40,10 @@ class MistakenLoad:
 
     index: int
     """Index among the loads."""
-    position_mm: float
+    place_mm: Floats
+    """(axes,)"""
     force_n: float
-    """Position and force of the load by a fit to the others."""
+    """Place and force of the load by a fit to the others."""
     certain: bool
     """True if no other load can be the mistaken one instead."""
 
@@ -113,4 +115,4 @@ def _mistaken_load(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> M
     curve, measured = fitted.nominal.curve(fitted.vector), loads.measured_mm[[index]]
     linear = np.nan_to_num(fitted.departures.linear_mm(measured))
     place, force = curve.best_contacts(linear, np.isfinite(measured).astype(np.float64))
-    return MistakenLoad(index, float(place[0, 0]), max(float(force[0]), 0.0), certain)
+    return MistakenLoad(index, place[0], max(float(force[0]), 0.0), certain)

@@ -8,32 +8,34 @@ from typing import Any
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibrated import depart
 from beamtouch_models.design.physics.influence_function import Interpolation
 from beamtouch_models.design.physics.structure import Structure
 from beamtouch_models.design.scene.beam import Beam
+from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.surface import resolve_model
-from beamtouch_models.places import grid_of, on_axis
+from beamtouch_models.places import grid_of, in_rows, on_axis
 from beamtouch_models.runtime.curve import InfluenceCurve
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.health.residuals import LoadErrors
 from beamtouch_models.runtime.metadata import Departures, Metadata
 
-GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
+GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES, SPRING = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0, 0.1
 """Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend
-of the characteristic at full travel, and offset in units of the noise of a sample."""
+of the characteristic at full travel, offset in units of the noise of a sample, and relative stiffness of one spring of
+a plate beside all of them."""
 MAX_FIXITY = 0.9
 ANY_FORCE = 3.0
 """Error of the force of a contact, relative to the force of the fit: as good as unknown."""
 MAX_DEPARTURE = 8.0
 """Largest other departure, in units of plausible ones."""
-GRID = 129
-"""Places of the influence over the range of contacts, as in a model file; it is interpolated between them."""
+GRID = {1: 129, 2: 33**2}
+"""Places of the influence over the range of contacts by the number of axes; it is interpolated between them."""
 MAX_INFLUENCES = 64
 """Number of influence matrices that are kept; it bounds their memory."""
-PER_CHANNEL = ("gain", "position", "offset")
+PER_CHANNEL = ("gain", "position", "x", "y", "offset")
 """Kinds of departures of which each changes only the deflections of its own channel."""
 FIELDS = {
     "rigidity": "rigidity",
@@ -44,7 +46,17 @@ FIELDS = {
     "offset": "offset_mm",
 }
 """Kinds of departures, in the order of the vector, with their fields."""
-FACTORS = ("rigidity", "gain")
+FIELDS_OF_PLATES = {
+    "rigidity": "rigidity",
+    "gain": "gain",
+    "x": "position_offset_mm",
+    "y": "across_offset_mm",
+    "curve": "curve_per_mm",
+    "springs": "spring_stiffness",
+    "offset": "offset_mm",
+}
+"""The same of plates: places of sensors along both axes, and a spring in each support that is not rigid."""
+FACTORS = ("rigidity", "gain", "springs")
 """Kinds that enter the vector by their logarithm."""
 MAX_STEP = 2.0
 """Bound of a step of a fit, in units of plausible departures: far off, the slopes are those of another surface."""
@@ -57,7 +69,7 @@ class NominalSurface:
     """The surface that a calibration departs from."""
 
     structure: Structure
-    """The beam, which is solved again for another rigidity and fixity, or the measured structure."""
+    """The beam or plate, which is solved again for other supports and another rigidity, or the measured structure."""
     width_mm: float
     """Width of a contact."""
     sensor_mm: Floats
@@ -78,7 +90,8 @@ class NominalSurface:
     def of(cls, metadata: Metadata) -> "NominalSurface":
         """Return the nominal surface of a model; raises SceneError if its scene cannot be computed."""
         surface, sensor_mm = resolve_model(metadata), metadata.layout_mm
-        prior = Prior.of(surface.influence, on_axis(sensor_mm), Errors(metadata.noise.sample_mm))
+        sensors = in_rows(sensor_mm, len(metadata.axes))
+        prior = Prior.of(surface.influence, sensors, Errors(metadata.noise.sample_mm))
         return cls(
             surface.structure,
             surface.contact_width_mm,
@@ -94,11 +107,24 @@ class NominalSurface:
     def kinds(self) -> dict[str, slice]:
         """Kinds of departures with their places in the vector of all, which has units of their plausible sizes."""
         places = self._places.copy()
+        if isinstance(self.structure, Plate):
+            return places if self.sprung.any() else {kind: places[kind] for kind in places if kind != "springs"}
         if not any(self.hinged):
             del places["fixity"]
         if not isinstance(self.structure, Beam):  # what its sensors show was measured where they stand
             del places["position"]
         return places
+
+    @cached_property
+    def sprung(self) -> Bools:
+        """(supports,), which supports of a plate have a spring; none of another structure."""
+        supports = self.structure.support_list if isinstance(self.structure, Plate) else ()
+        return np.array([support.stiffness_n_per_mm is not None for support in supports], dtype=np.bool_)
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """Kinds of departures of such a structure, in the order of the vector, with their fields."""
+        return FIELDS_OF_PLATES if isinstance(self.structure, Plate) else FIELDS
 
     @cached_property
     def hinged(self) -> tuple[bool, bool]:
@@ -111,7 +137,7 @@ class NominalSurface:
     @property
     def size(self) -> int:
         """Length of the vector of all departures."""
-        return 4 + 3 * len(self.sensor_mm)
+        return max(int(part.stop) for part in self._places.values())
 
     def departures(self, vector: Floats) -> Departures:
         """Return the departures that a vector encodes."""
@@ -121,12 +147,17 @@ class NominalSurface:
             values = np.exp(values) if kind in FACTORS else values
             if kind == "fixity":
                 values = np.where(self.hinged, np.clip(values, 0.0, MAX_FIXITY), 0.0)
-            fields[FIELDS[kind]] = values.tolist() if kind in (*PER_CHANNEL, "fixity") else float(values[0])
+            if kind == "springs":
+                every = np.ones(len(self.sprung))
+                every[self.sprung] = values
+                values = every
+            is_list = kind in (*PER_CHANNEL, "fixity", "springs")
+            fields[self.fields[kind]] = values.tolist() if is_list else float(values[0])
         return Departures(**fields)
 
     def vector_of(self, departures: Departures) -> Floats:
         """Return the vector that encodes departures."""
-        values = {kind: _values(departures, kind) for kind in self._places}
+        values = {kind: self._values(departures, kind) for kind in self._places}
         return np.concatenate(
             [(np.log(entries) if kind in FACTORS else entries) / self._units[kind] for kind, entries in values.items()]
         )
@@ -135,23 +166,38 @@ class NominalSurface:
         """Return standard errors by kind, in the units of the departures, from those of the vector."""
         near, departures = self.departures(vector + STEP), self.departures(vector)
         return {
-            kind: np.abs(_values(near, kind) - _values(departures, kind)) / STEP * spread[part]
+            kind: np.abs(self._values(near, kind) - self._values(departures, kind)) / STEP * spread[part]
             for kind, part in self.kinds.items()
         }
+
+    def _values(self, departures: Departures, kind: str) -> Floats:
+        """Return the values of a kind of departures, one or more."""
+        stated = getattr(departures, self.fields[kind])
+        if stated is None:  # the model of a plate was never calibrated
+            stated = [1.0] * len(self.sprung) if kind == "springs" else [0.0] * len(self.sensor_mm)
+        values = np.atleast_1d(np.asarray(stated, dtype=np.float64))
+        return values[self.sprung] if kind == "springs" else values
 
     @cached_property
     def _places(self) -> dict[str, slice]:
         """Places of every kind in the vector, whether the beam can have it or not."""
-        channels = len(self.sensor_mm)
-        sizes = [channels if kind in PER_CHANNEL else 2 if kind == "fixity" else 1 for kind in FIELDS]
+        own = dict.fromkeys(PER_CHANNEL, len(self.sensor_mm)) | {"fixity": 2, "springs": int(self.sprung.sum())}
+        sizes = [own.get(kind, 1) for kind in self.fields]
         ends = np.cumsum(sizes).tolist()
-        return {kind: slice(end - size, end) for kind, size, end in zip(FIELDS, sizes, ends, strict=True)}
+        return {kind: slice(end - size, end) for kind, size, end in zip(self.fields, sizes, ends, strict=True)}
 
     @cached_property
     def _units(self) -> dict[str, float]:
         """The plausible size of each kind: one in the vector."""
-        bend_per_mm, offset_mm = BEND / self.max_deflection_mm, OFFSET_NOISES * self.prior.errors.noise_mm
-        return dict(zip(FIELDS, (RIGIDITY, GAIN, self.mounting_mm, bend_per_mm, FIXITY, offset_mm), strict=True))
+        return {
+            "rigidity": RIGIDITY,
+            "gain": GAIN,
+            **dict.fromkeys(("position", "x", "y"), self.mounting_mm),
+            "curve": BEND / self.max_deflection_mm,
+            "fixity": FIXITY,
+            "springs": SPRING,
+            "offset": OFFSET_NOISES * self.prior.errors.noise_mm,
+        }
 
     def prior_with(self, departures: Departures) -> Prior:
         """Return the prior of the surface with departures."""
@@ -162,8 +208,9 @@ class NominalSurface:
         departures = self.departures(vector)
         # Gains, offsets and the curve do not change the beam, so its influence can often be used again.
         beam = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
-        parts = (beam.rigidity, *beam.fixity, *beam.position_offset_mm)
-        ticks = self.prior.extent.ticks(GRID)
+        of_plate = (*(beam.across_offset_mm or ()), *(beam.spring_stiffness or ()))
+        parts = (beam.rigidity, *beam.fixity, *beam.position_offset_mm, *of_plate)
+        ticks = self.prior.extent.ticks(GRID[self.prior.extent.axes])
         if parts not in self._influences:
             if len(self._influences) >= MAX_INFLUENCES:
                 self._influences.clear()
@@ -201,13 +248,13 @@ class NominalSurface:
     @property
     def degrees(self) -> int:
         """Degrees of freedom of the residual of a contact: channels beyond its place and, if open, its force."""
-        return self.prior.channels - (2 if self.prior.force_range.is_open else 1)
+        return self.prior.channels - self.prior.extent.axes - int(self.prior.force_range.is_open)
 
     @property
     def contact_errors(self) -> LoadErrors:
         """Errors of a contact of which nothing is known but what the scene states: as wide as the ranges."""
-        low, high = self.prior.extent.range_mm
-        return LoadErrors(placing_mm=high - low, force=min(ANY_FORCE, self.prior.force_range.relative_error))
+        widest_mm = float(self.prior.extent.size_mm.max())
+        return LoadErrors(placing_mm=widest_mm, force=min(ANY_FORCE, self.prior.force_range.relative_error))
 
     def covariance_of(self, kinds: Sequence[str], fitted: Floats) -> Floats:
         """Return the covariance of the whole vector from that of the fitted departures; 0 for the others."""
@@ -265,8 +312,3 @@ class Fitted:
     def spread(self) -> Floats:
         """(departures,) standard errors, in the units of the vector; 0 if not fitted."""
         return np.sqrt(np.diag(self.covariance))
-
-
-def _values(departures: Departures, kind: str) -> Floats:
-    """Return the values of a kind of departures, one or more."""
-    return np.atleast_1d(np.asarray(getattr(departures, FIELDS[kind]), dtype=np.float64))

@@ -14,14 +14,14 @@ from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.rows import RecordingError, Row, read_rows
 from beamtouch_models.design.scene.measured_loads import column_of
-from beamtouch_models.places import on_axis
+from beamtouch_models.places import in_words
 from beamtouch_models.runtime.health.changes import DRIFT
 from beamtouch_models.runtime.health.residuals import LoadErrors
 from beamtouch_models.runtime.metadata import Metadata
 
 MIN_POSITIONS = 4
 MIN_SPREAD = 0.4
-"""Smallest spread of the positions, over the range of positions: of known loads, or of the middle 80 % of contacts."""
+"""Smallest spread of the places over their range along each axis: of known loads, or of the middle 80 % of contacts."""
 MIN_SAMPLES = 5
 MAX_DEFLECTIONS = 100.0
 """Largest deflection, over the largest of the model; a larger one cannot be in mm."""
@@ -40,8 +40,8 @@ class Loads:
 
     number: Indices
     """(loads,) numbers in the file."""
-    position_mm: Floats
-    """(loads,)"""
+    place_mm: Floats
+    """(loads, axes)"""
     force_n: Floats
     """(loads,)"""
     measured_mm: Floats
@@ -53,19 +53,14 @@ class Loads:
     minutes: Floats
     """(loads,) time of each load since the first; 0 if the file has no times."""
     errors: LoadErrors = STATED
-    """Stated errors of the positions and forces of the loads."""
-
-    @property
-    def place_mm(self) -> Floats:
-        """(loads, 1), the positions as places."""
-        return on_axis(self.position_mm)
+    """Stated errors of the places and forces of the loads."""
 
     def without(self, *indices: int) -> "Loads":
         """Return all loads but some."""
         return self[~np.isin(np.arange(len(self.number)), indices)]
 
     def __getitem__(self, kept: Bools | list[int]) -> "Loads":
-        arrays = ("number", "position_mm", "force_n", "measured_mm", "deviation_mm", "lines", "minutes")
+        arrays = ("number", "place_mm", "force_n", "measured_mm", "deviation_mm", "lines", "minutes")
         return replace(self, **{name: getattr(self, name)[kept] for name in arrays})
 
     def in_words(self, index: int) -> str:
@@ -81,7 +76,12 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
     rows, columns = read_rows(path)
     if not rows:
         raise RecordingError(f"{path}: no samples; record loads with beamtouch-daemon record")
-    wanted = ["load", "position_mm", "force_n", *(column_of(name, metadata.unit) for name in channels)]
+    wanted = [
+        "load",
+        *(f"{axis}_mm" for axis in metadata.axes),
+        "force_n",
+        *(column_of(name, metadata.unit) for name in channels),
+    ]
     missing = [column for column in wanted if column not in columns]
     if missing:
         raise RecordingError(
@@ -104,7 +104,10 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
 def _averaged(rows: list[Row], channels: list[str], metadata: Metadata) -> Loads:
     """Return the means of all loads; raises RecordingError if a value is not a number."""
     number, line = np.array([row.load() for row in rows]), np.array([row.number for row in rows])
-    position, force = (np.array([row.number_in(column) for row in rows]) for column in ("position_mm", "force_n"))
+    stated = {
+        column: np.array([row.number_in(column) for row in rows])
+        for column in (*(f"{axis}_mm" for axis in metadata.axes), "force_n")
+    }
     measured = np.array([[_deflection_mm(row, name, metadata.unit) for name in channels] for row in rows])
     beyond = np.argwhere(np.abs(measured) > MAX_DEFLECTIONS * metadata.max_deflection_mm)
     if len(beyond):
@@ -115,7 +118,7 @@ def _averaged(rows: list[Row], channels: list[str], metadata: Metadata) -> Loads
         )
     loads = np.unique(number)
     rows_of_loads = [np.flatnonzero(number == load) for load in loads]
-    for name, values in (("position_mm", position), ("force_n", force)):
+    for name, values in stated.items():
         for load, own in zip(loads, rows_of_loads, strict=True):
             said = values[own[0]]
             differs = own[(values[own] != said) & ~np.isnan(said)]
@@ -130,9 +133,9 @@ def _averaged(rows: list[Row], channels: list[str], metadata: Metadata) -> Loads
     # Samples of a moving average share readings, so their mean is only as good as that of as many readings.
     deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
     ends = np.array([(own[0], own[-1]) for own in rows_of_loads])
-    return Loads(
-        loads, position[ends[:, 0]], force[ends[:, 0]], mean, deviation, line[ends], _minutes(rows, rows_of_loads)
-    )
+    *coordinates, force = (values[ends[:, 0]] for values in stated.values())
+    place, minutes = np.column_stack(coordinates), _minutes(rows, rows_of_loads)
+    return Loads(loads, place, force, mean, deviation, line[ends], minutes)
 
 
 def _but_at_most(metadata: Metadata) -> str:
@@ -159,16 +162,17 @@ def _deflection_mm(row: Row, channel: str, unit: str) -> float:
 
 def _check(loads: Loads, metadata: Metadata) -> None:
     """Raise RecordingError if no fit could use the loads."""
-    (low, high), (weakest, strongest) = metadata.ranges.position_mm, metadata.ranges.force_n
+    extent, (weakest, strongest) = metadata.extent, metadata.ranges.force_n
     short: Bools = np.all(np.isnan(loads.measured_mm), axis=1)
     if short.size and short.all():
         raise RecordingError(
             f"no load has {MIN_SAMPLES} good samples of a channel; each load needs {MIN_SAMPLES} rows or more"
         )
-    for index, (position, force) in enumerate(zip(loads.position_mm, loads.force_n, strict=True)):
+    for index, (place, force) in enumerate(zip(loads.place_mm, loads.force_n, strict=True)):
         number, load = loads.number[index], loads.in_words(index)
-        if not low <= position <= high:
-            raise RecordingError(f"load {number} at {position:g} mm is not within {low:g}..{high:g} mm")
+        if not np.all((extent.low_mm <= place) & (place <= extent.high_mm)):
+            within = " by ".join(f"{low:g}..{high:g}" for low, high in extent.ranges_mm)
+            raise RecordingError(f"load {number} at {in_words(place)} mm is not within {within} mm")
         if force <= 0 or not weakest / FORCE_FACTOR <= force <= strongest * FORCE_FACTOR:
             raise RecordingError(
                 f"{load} has a force of {force:g} N, but the model is for {weakest:g}..{strongest:g} N; correct it, "
@@ -179,12 +183,13 @@ def _check(loads: Loads, metadata: Metadata) -> None:
                 f"{load} has fewer than {MIN_SAMPLES} good samples of each channel; record it again, or use "
                 f"--leave-out {number}"
             )
-    positions = np.unique(loads.position_mm)
-    spread = float(np.ptp(positions)) / (high - low) if len(positions) else 0.0
-    if len(positions) < MIN_POSITIONS or spread < MIN_SPREAD:
+    places = np.unique(loads.place_mm, axis=0)
+    spread = float((np.ptp(places, axis=0) / extent.size_mm).min()) if len(places) else 0.0
+    if len(places) < MIN_POSITIONS or spread < MIN_SPREAD:
+        what, best, where = ("positions", 10, "beam") if extent.axes == 1 else ("places", 12, "plate")
         raise RecordingError(
-            f"{len(positions)} different positions over {spread:.0%} of the range cannot determine a fit; record at "
-            f"least {MIN_POSITIONS}, preferably 10, spread over the whole beam"
+            f"{len(places)} different {what} over {spread:.0%} of the range cannot determine a fit; record at "
+            f"least {MIN_POSITIONS}, preferably {best}, spread over the whole {where}"
         )
     silent = np.isnan(loads.measured_mm).all(axis=0)
     if silent.any():

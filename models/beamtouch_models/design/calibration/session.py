@@ -16,6 +16,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.calibration.nominal_surface import GRID, MAX_DEPARTURE, OFFSET_NOISES, NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
+from beamtouch_models.design.physics.structure import size_of
 from beamtouch_models.runtime.health.residuals import Residuals
 
 DRIFTING, WEIGHT, SHIFT = "drift", "weight", "shift"
@@ -24,7 +25,7 @@ COMMON = (WEIGHT, SHIFT)
 WEIGHT_SHARE = 0.1
 """Standard deviation of a plausible weight that nobody stated, over the middle of the scene's forces."""
 SHIFT_SHARE = 0.02
-"""Standard deviation of a plausible shift of all loads, over the length of the beam."""
+"""Standard deviation of a plausible shift of all loads, over the length along each axis."""
 OWN_BEND = 0.2
 """Standard deviation of the relative bend of one channel at full travel, and of its change along the travel."""
 SESSION_MIN = 10.0
@@ -51,7 +52,8 @@ class Session:
         kinds, begin, channels = self.nominal.kinds.copy(), self.nominal.size, self.nominal.prior.channels
         for kind, size in (
             (DRIFTING, channels),
-            *((kind, 1) for kind in COMMON),
+            (WEIGHT, 1),
+            (SHIFT, self._axes),
             *((bend_of(channel), BENDS) for channel in range(channels)),
         ):
             kinds[kind] = slice(begin, begin + size)
@@ -66,7 +68,7 @@ class Session:
     @property
     def size(self) -> int:
         """Length of the vector."""
-        return self.nominal.size + len(COMMON) + (1 + BENDS) * self.nominal.prior.channels
+        return self.nominal.size + 1 + self._axes + (1 + BENDS) * self.nominal.prior.channels
 
     def places_of(self, kinds: tuple[str, ...]) -> Indices:
         """Return the places of some kinds in the vector."""
@@ -97,7 +99,7 @@ class Session:
             self.loads,
             measured_mm=self.loads.measured_mm - self.drift_mm(vector) - self.bends_mm(vector),
             force_n=self.loads.force_n + self.weight_n(vector),
-            position_mm=self.loads.position_mm + self.shift_mm(vector),
+            place_mm=self.loads.place_mm + self.shift_mm(vector),
         )
 
     def rates_um_per_min(self, vector: Floats) -> Floats:
@@ -109,9 +111,10 @@ class Session:
         """Return the force that each load has beyond what is stated."""
         return self._weight_unit_n * float(vector[self.kinds[WEIGHT]][0])
 
-    def shift_mm(self, vector: Floats) -> float:
-        """Return how far to the right of what is stated each load stands."""
-        return self._shift_unit_mm * float(vector[self.kinds[SHIFT]][0])
+    def shift_mm(self, vector: Floats) -> Floats:
+        """Return how far from what is stated each load stands along each axis, (axes,)."""
+        shift_mm: Floats = self._shift_unit_mm * vector[self.kinds[SHIFT]]
+        return shift_mm
 
     def bends_mm(self, vector: Floats) -> Floats:
         """Return what the own bends of the channels take off their deflections (loads, channels)."""
@@ -142,11 +145,11 @@ class Session:
         if DRIFTING in kinds:
             slopes[:, channels, self.kinds[DRIFTING].start + channels] = self._drift_unit_mm[:, None]
         if WEIGHT in kinds or SHIFT in kinds:
-            by_place, by_force = self.nominal.curve(vector).moved_mm(loads.place_mm, loads.force_n)
+            *by_place, by_force = self.nominal.curve(vector).moved_mm(loads.place_mm, loads.force_n)
             if WEIGHT in kinds:
                 slopes[..., self.kinds[WEIGHT].start] = self._weight_unit_n * by_force / loads.force_n[:, None]
             if SHIFT in kinds:
-                slopes[..., self.kinds[SHIFT].start] = self._shift_unit_mm * by_place
+                slopes[..., self.kinds[SHIFT]] = self._shift_unit_mm * np.stack(by_place, axis=-1)
         for channel in channels.tolist():
             if bend_of(channel) in kinds:
                 slopes[:, channel, self.kinds[bend_of(channel)]] = self._bend_units_mm[:, :, channel]
@@ -177,15 +180,19 @@ class Session:
         return WEIGHT_SHARE * float(np.mean(self.nominal.prior.force_n))
 
     @property
-    def _shift_unit_mm(self) -> float:
-        """A plausible shift of all loads."""
-        return SHIFT_SHARE * self.nominal.structure.length_mm
+    def _axes(self) -> int:
+        return self.nominal.prior.extent.axes
+
+    @property
+    def _shift_unit_mm(self) -> Floats:
+        """(axes,) plausible shift of all loads."""
+        return SHIFT_SHARE * np.array(size_of(self.nominal.structure))
 
     @cached_property
     def _bend_units_mm(self) -> Floats:
         """(loads, terms, channels) deflection that the terms of a plausible bend add; they vanish at rest."""
         prior = self.nominal.prior
-        shapes = prior.influence_at(prior.extent.grid(GRID))
+        shapes = prior.influence_at(prior.extent.grid(GRID[self._axes]))
         full_mm = prior.force_n[1] * np.abs(shapes).max(axis=0)
         share = self.loads.measured_mm[:, None] / full_mm
         units_mm: Floats = OWN_BEND * full_mm * share ** (2 + np.arange(BENDS))[:, None]

@@ -6,6 +6,7 @@ tried with the zeros as tared, and with zeros of its own.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from beamtouch_models.design.calibration.mistaken import AGREED
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
 from beamtouch_models.design.calibration.recordings import Loads
 from beamtouch_models.design.calibration.session import Session
+from beamtouch_models.design.physics.structure import size_of
 from beamtouch_models.runtime.decision.wrong_channels import wiring_faults
 
 POOR_NOISES = 8.0
@@ -27,6 +29,11 @@ OTHER_END = (
     "check the order in the daemon's config, and where positions are measured from"
 )
 """One message for both: on a symmetric surface they look the same."""
+OTHER_CORNER = (
+    "the channels seem to be in another order, or x_mm and y_mm to be measured from another corner of the plate; "
+    "check the order in the daemon's config, and where places are measured from"
+)
+"""The same of a plate."""
 SINCE_THE_TARE = "tare with nothing on the beam, and record again"
 
 
@@ -72,13 +79,15 @@ def _from_own_zeros(nominal: NominalSurface, loads: Loads) -> tuple[Floats, Load
 
 def _swaps(nominal: NominalSurface, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
     """Yield each possible swap: its message, and the loads without the swap."""
+    mirrored = OTHER_END if nominal.prior.extent.axes == 1 else OTHER_CORNER
     for wiring in wiring_faults(names):
         message = f"{wiring.text}; check the wiring and the order in the daemon's config"
         measured_mm = loads.measured_mm[:, wiring.order] * np.array(wiring.signs)
         deviation_mm = loads.deviation_mm[:, wiring.order]
         corrected = replace(loads, measured_mm=measured_mm, deviation_mm=deviation_mm)
-        yield OTHER_END if wiring.is_reversed else message, corrected
-    mirrored_mm = nominal.prior.diagonal_mm - loads.position_mm
-    low, high = nominal.prior.extent.range_mm
-    if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
-        yield OTHER_END, replace(loads, position_mm=mirrored_mm)
+        yield mirrored if wiring.is_reversed else message, corrected
+    extent, size_mm = nominal.prior.extent, np.array(size_of(nominal.structure))
+    for axes in product((False, True), repeat=extent.axes):
+        other_mm = np.where(axes, size_mm - loads.place_mm, loads.place_mm)
+        if any(axes) and np.all((extent.low_mm <= other_mm) & (other_mm <= extent.high_mm)):
+            yield mirrored, replace(loads, place_mm=other_mm)

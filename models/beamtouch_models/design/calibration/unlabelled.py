@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.nominal_surface import GAIN, OFFSET_NOISES, Fitted, NominalSurface, best_step
 from beamtouch_models.design.calibration.recordings import UnlabelledContacts
-from beamtouch_models.places import on_axis, positions_of
+from beamtouch_models.places import Extent, positions_of
 from beamtouch_models.runtime.health.residuals import Residuals
 
 MISFITS = (4.0, 16.0, 64.0, 256.0)
@@ -196,11 +196,11 @@ class RemainingUncertainty:
     """Errors of the estimates of a fitted model, at contacts over the range with a force from its middle."""
 
     position_mm: Floats
-    """Standard deviation (places,) of the position, from the departures."""
+    """Standard deviation (places,) of the place, from the departures."""
     shift_mm: float
     """Root mean square of the change of positions from the given model to the fitted one."""
     per_gain_mm: Floats
-    """(places, channels) change of the position with the gain of each channel."""
+    """(places, axes, channels) change of the place with the gain of each channel."""
     relative: Floats
     """(departures, departures) covariance, without the common scale of the gains if it looks like force."""
     floor: Floats
@@ -210,8 +210,8 @@ class RemainingUncertainty:
 
 
 def stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
-    """Return the standard deviation (places,) of the position that a floor of the gains (channels,) states."""
-    deviation_mm: Floats = np.linalg.norm(per_gain_mm * gain, axis=1)
+    """Return the standard deviation (places,) of the place that a floor of the gains (channels,) states."""
+    deviation_mm: Floats = np.linalg.norm((per_gain_mm * gain).reshape(len(per_gain_mm), -1), axis=1)
     return deviation_mm
 
 
@@ -236,10 +236,10 @@ def measure_remaining(
     is_scale_open : whether the common scale of the gains is not known, as without known loads
     """
     curve = nominal.curve(vector)
-    (low, high), stated = nominal.prior.extent.range_mm, nominal.prior.force_range
-    margin = INNER * (high - low)
-    places = on_axis(np.linspace(low + margin, high - margin, PLACES))
-    force = np.full(PLACES, np.mean(nominal.prior.force_n))
+    extent, stated = nominal.prior.extent, nominal.prior.force_range
+    inside = zip(extent.low_mm + INNER * extent.size_mm, extent.high_mm - INNER * extent.size_mm, strict=True)
+    places = Extent(tuple(inside)).grid(PLACES)
+    force = np.full(len(places), np.mean(nominal.prior.force_n))
     clean = curve.measured_mm(places, force)
     slopes = nominal.slopes(vector, places, force, tuple(nominal.kinds))
     relative = covariance
@@ -250,23 +250,28 @@ def measure_remaining(
     spread = np.einsum("lcv,vw,lcw->lc", slopes, relative, slopes)
     # The best estimate of the position, with a typical floor.
     deviation = np.sqrt(noise_mm**2 + spread)
-    by_place, by_force = curve.moved_mm(places, force) / deviation
+    *along, by_force = curve.moved_mm(places, force) / deviation
+    by_place = np.stack(along, axis=1)
     # A change along the force may as well come from it, as far as the stated range lets it.
     read = stated.relative_error**-2
-    part = (by_place * by_force).sum(axis=1) / ((by_force**2).sum(axis=1) + read)
-    across = by_place - part[:, None] * by_force
-    told = (across**2).sum(axis=1) + read * part**2
-    # One sensor under an open force tells no place.
-    is_told = told > UNTOLD * (by_place**2).sum(axis=1)
-    weights = np.where(is_told[:, None], across / np.where(is_told, told, 1.0)[:, None], 0.0) / deviation
-    moves = np.einsum("lc,lcv->lv", weights, slopes)
-    open_mm = np.sqrt(np.einsum("lv,vw,lw->l", moves, covariance, moves))
+    part = (by_place * by_force[:, None]).sum(axis=2) / ((by_force**2).sum(axis=1) + read)[:, None]
+    across = by_place - part[:, :, None] * by_force[:, None]
+    told = across @ across.transpose(0, 2, 1) + read * part[:, :, None] * part[:, None]
+    # Too few sensors under an open force tell no place.
+    own = np.einsum("laa->la", told)
+    is_told = (own > UNTOLD * (by_place**2).sum(axis=2)).all(axis=1)
+    is_told &= np.linalg.det(told) > UNTOLD * own.prod(axis=1)
+    safe = np.where(is_told[:, None, None], told, np.eye(extent.axes))
+    weights = np.where(is_told[:, None, None], np.linalg.solve(safe, across), 0.0) / deviation[:, None]
+    moves = np.einsum("lac,lcv->lav", weights, slopes)
+    open_mm = np.sqrt(np.einsum("lav,vw,law->l", moves, covariance, moves))
     gain_error = np.sqrt((spread / np.maximum(clean**2, TINY)).mean(axis=0))
     gain_error = np.maximum(gain_error, MIN_GAIN)
-    ratios = open_mm[is_told] / stated_mm(weights * clean, gain_error)[is_told]
+    per_gain_mm = weights * clean[:, None]
+    ratios = open_mm[is_told] / stated_mm(per_gain_mm, gain_error)[is_told]
     factor = float(np.quantile(ratios, ENOUGH)) if len(ratios) else 1.0
     floor = np.maximum(np.hypot(factor * gain_error, left_error), MIN_GAIN)
-    shift_mm = 0.0 if start is None else float(np.sqrt(((moves @ (vector - start)) ** 2).mean()))
+    shift_mm = 0.0 if start is None else float(np.sqrt(((moves @ (vector - start)) ** 2).sum(axis=1).mean()))
     share = np.einsum("lc,lcv->lv", clean / np.maximum((clean**2).sum(axis=1, keepdims=True), TINY), slopes)
     force_error = float(np.sqrt(np.einsum("lv,vw,lw->l", share, covariance, share).mean()))
-    return RemainingUncertainty(open_mm, shift_mm, weights * clean, relative, floor, force_error)
+    return RemainingUncertainty(open_mm, shift_mm, per_gain_mm, relative, floor, force_error)
