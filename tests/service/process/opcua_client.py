@@ -59,10 +59,10 @@ async def connected(url: str, user: str | None = None, password: str = "") -> As
         yield client
 
 
-async def read(client: Client) -> dict[str, ua.DataValue]:
-    """Return all variables of press-7, read at once."""
+async def read(client: Client, name: str = "press-7") -> dict[str, ua.DataValue]:
+    """Return all variables of a surface, read at once."""
     index = await client.get_namespace_index("urn:beamtouch")
-    surface = client.get_node(ua.NodeId("press-7", index))
+    surface = client.get_node(ua.NodeId(name, index))
     nodes = await surface.get_variables()
     names = [(await node.read_browse_name()).Name for node in nodes]
     return dict(zip(names, await client.read_attributes(nodes), strict=True))

@@ -62,7 +62,7 @@ def influence(structure: Structure, sensor_mm: ArrayLike, load_mm: ArrayLike, wi
 
 def size_of(structure: Structure) -> tuple[float, ...]:
     """Return the length of a structure along each axis, in mm."""
-    return structure.size_mm if isinstance(structure, Plate) else (structure.length_mm,)
+    return (structure.length_mm,) if isinstance(structure, Beam) else structure.size_mm
 
 
 def changed(structure: Structure, departures: Departures) -> Structure:
