@@ -19,6 +19,7 @@ from support.programs.toolchain import made_once, need
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 TUTORIAL = "docs/tutorial/index.md"
+OF_A_PLATE = "docs/tutorial/plate.md"
 GUIDES = {
     # The gains that were put in: +3, -3, -2 and +2 %.
     "docs/how-to/calibrate.md": [
@@ -92,7 +93,7 @@ CONSOLE = {
     "docs/how-to/design.md": 1,  # minutes on all cores
     "docs/how-to/drift.md": 1,  # a line that is not that of the guide
     "docs/how-to/measured.md": 4,  # a person puts loads on the structure
-    "docs/how-to/plates.md": 1,  # it takes a minute
+    "docs/how-to/plates.md": 2,  # it takes a minute, and known loads
     "docs/how-to/mqtt.md": 3,  # a broker
     "docs/how-to/opcua.md": 1,  # the name of a host
     "docs/how-to/sweeps.md": 1,  # a cluster
@@ -140,6 +141,18 @@ def test_the_tutorial_ends_in_the_contact_that_it_shows(followed: Path) -> None:
     assert contact["state"] == "contact"
     assert contact["position_low_mm"] <= contact["position_mm"] <= contact["position_high_mm"]
     assert abs(contact["position_mm"] - 150) < 20
+
+
+@pytest.mark.soak
+def test_the_tutorial_of_a_plate_ends_in_a_contact_that_only_the_calibrated_model_explains(tmp_path: Path) -> None:
+    need("curl")
+
+    contacts = [one for one in answers_in(paste(OF_A_PLATE, tmp_path)) if "x_mm" in one]
+
+    assert "unexplained" in [one["state"] for one in contacts[:-1]]
+    assert contacts[-1]["state"] == "contact"
+    assert abs(contacts[-1]["x_mm"] - 300) < 5
+    assert abs(contacts[-1]["y_mm"] - 80) < 5
 
 
 @pytest.mark.soak
@@ -206,7 +219,7 @@ def test_every_page_with_commands_is_run_by_a_test() -> None:
     with_commands = {name for name in names if any(block.word == COMMANDS for block in blocks_of(name))}
     console = {name: sum(block.word == "console" for block in blocks_of(name)) for name in names}
 
-    assert with_commands == {"README.md", TUTORIAL, TROUBLES, *GUIDES, *RUN_ELSEWHERE}
+    assert with_commands == {"README.md", TUTORIAL, OF_A_PLATE, TROUBLES, *GUIDES, *RUN_ELSEWHERE}
     assert {name: number for name, number in console.items() if number} == CONSOLE
     for name in (name for name in names if name.startswith(("README", "docs/tutorial", "docs/how-to"))):
         assert all(block.word for block in blocks_of(name)), f"{name}: a block without a word"

@@ -1,9 +1,6 @@
 """The graph of two axes beside exact posteriors: where it places contacts, what it holds, how sure it says it is."""
 
-import subprocess
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +16,6 @@ from beamtouch_models.places import grid_of
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.session import Answers, runner, stated_mm
 from models.test_two_axes import CORNERS_MM, SIZE_MM, SPRING_N_PER_MM, influence_of, sunk_mm
-from support.surfaces.small_model import PLATE_OUTPUTS, write_model
 
 AXES = ("x", "y")
 DRAWS, EXACT = 250, 80

@@ -155,7 +155,7 @@ def test_the_rig_rings_in_all_modes_as_challenge_does(name: str) -> None:
 
 @pytest.mark.promise(
     "docs/reference/rig.md",
-    "with the damping that the scene states in `beam.damping_ratio` (1 % of critical if it states none)",
+    "with the damping that the scene states in `damping_ratio` (1 % of critical if it states none)",
 )
 @pytest.mark.parametrize(
     ("imperfections", "rings", "zeta"),

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from service.process.broker import broker_in
 from service.process.modbus_service import ask
 from service.process.opcua_client import connected, read
 from support.network.free_ports import free_port
+from support.network.plain_http import TIMEOUT_S
 from support.pages.browser import OpenPage
 from support.programs.forked_line import rig
 from support.programs.plate_line import DAMPED, LEFT, SIZE_MM, PlateLine, Pressed
@@ -57,7 +59,8 @@ def test_no_contact_on_a_plate_is_wrong_in_silence_and_all_outputs_say_the_same(
         near = pytest.approx([300.0, 100.0], abs=3.0)
         wait_until(lambda: _registers_mm(modbus) == near, pause_s=0.02)
         wait_until(lambda: any([one.get("x_mm"), one.get("y_mm")] == near for one in subscriber.of(TOPIC)))
-        assert asyncio.run(_variables_mm(opcua)) == near
+        with ThreadPoolExecutor(1) as beside_the_browser:
+            assert beside_the_browser.submit(asyncio.run, _variables_mm(opcua)).result(TIMEOUT_S) == near
         for name, window in WINDOWS.items():
             seen = open_page(line.url, size=window)
             seen.wait_for_state("contact")

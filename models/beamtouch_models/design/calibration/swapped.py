@@ -44,7 +44,9 @@ def swapped(nominal: NominalSurface, loads: Loads, names: list[str]) -> str | No
     """
     kinds = Session(nominal, loads).usual_kinds
     asis = fit(nominal, loads, kinds)
-    if asis.errors.residual_mm <= POOR_NOISES * nominal.prior.errors.noise_mm:
+    # Few sensors under a plate see little that another place and force of each load would not explain.
+    agree = nominal.prior.extent.axes == 1 or asis.scatter <= AGREED
+    if agree and asis.errors.residual_mm <= POOR_NOISES * nominal.prior.errors.noise_mm:
         return None
     trials = [(fit(nominal, corrected, kinds).scatter, message) for message, corrected in _swaps(nominal, loads, names)]
     scatter, message = min(trials, default=(np.inf, ""))
