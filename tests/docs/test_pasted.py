@@ -144,15 +144,14 @@ def test_the_tutorial_ends_in_the_contact_that_it_shows(followed: Path) -> None:
 
 
 @pytest.mark.soak
-def test_the_tutorial_of_a_plate_ends_in_a_contact_that_only_the_calibrated_model_explains(tmp_path: Path) -> None:
+def test_the_tutorial_of_a_plate_ends_in_a_contact_where_the_load_lies(tmp_path: Path) -> None:
     need("curl")
 
-    contacts = [one for one in answers_in(paste(OF_A_PLATE, tmp_path)) if "x_mm" in one]
+    contact = [one for one in answers_in(paste(OF_A_PLATE, tmp_path)) if "x_mm" in one][-1]
 
-    assert "unexplained" in [one["state"] for one in contacts[:-1]]
-    assert contacts[-1]["state"] == "contact"
-    assert abs(contacts[-1]["x_mm"] - 300) < 5
-    assert abs(contacts[-1]["y_mm"] - 80) < 5
+    assert contact["state"] == "contact"
+    assert abs(contact["x_mm"] - 300) < 3
+    assert abs(contact["y_mm"] - 80) < 3
 
 
 @pytest.mark.soak

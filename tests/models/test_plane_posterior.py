@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from beamtouch_models import SceneError, make_scene, resolve
-from beamtouch_models.commands.build import how_to_try
 from beamtouch_models.design.accuracy.cell_posterior import summarize
 from beamtouch_models.design.accuracy.drawing import Draws, draw
 from beamtouch_models.design.accuracy.prior import Prior
@@ -165,11 +164,3 @@ def test_a_plate_is_built_into_a_model_that_answers_by_axis() -> None:
     assert "400 by 300 mm" in model.summary()
     with pytest.raises(SceneError, match="knows one axis only"):
         layout.build(estimator="small-network")
-
-
-def test_a_build_of_a_plate_does_not_propose_the_rig_which_plays_beams() -> None:
-    files = "plate.toml", "plate.onnx", "beamtouch.token", "daemon.toml"
-    told = how_to_try(*files, is_recorded=False, has_rig=False)
-    assert "beamtouch-rig" not in told
-    assert told.splitlines()[-1].strip() == "beamtouch-daemon run daemon.toml"
-    assert "beamtouch-rig plate.toml" in how_to_try(*files, is_recorded=False, has_rig=True)

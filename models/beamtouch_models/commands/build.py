@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> Result:
         write_products(built, model=options.output, config=config, report=options.report, progress=progress)
     if config is not None:
         files = source, options.output, write_token_if_absent(config.parent), config
-        has_rig = not is_plane  # it plays structures of one axis
+        has_rig = not is_plane or asked.scene.plate is not None  # it plays no measured structure of two axes
         told = how_to_try(*(shlex.quote(str(path)) for path in files), is_recorded=bool(options.loads), has_rig=has_rig)
         print(told, file=sys.stderr)
     surface, metadata = layout.surface, built.metadata
