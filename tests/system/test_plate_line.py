@@ -64,7 +64,7 @@ def test_no_contact_on_a_plate_is_wrong_in_silence_and_all_outputs_say_the_same(
         for name, window in WINDOWS.items():
             seen = open_page(line.url, size=window)
             seen.wait_for_state("contact")
-            assert [float(seen.text(figure)) for figure in ("position", "across")] == near
+            assert [float(seen.text(figure)) for figure in ("x", "y")] == near
             assert seen.overflow() <= 0
             assert not seen.complaints
             seen.picture(f"plate-line-{name}")
