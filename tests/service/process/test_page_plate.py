@@ -153,6 +153,7 @@ def test_a_model_of_a_beam_takes_the_place_of_that_of_a_plate(
     seen.wait_for_state("problem")  # stale
     build_model()
     seen.page.wait_for_selector("#beam rect.plate", state="detached")
+    assert seen.page.locator("#beam .support").count() == 0  # those of the beam come with its first contact
     send(service, *[TOUCHING[:3]] * 3, sequence=4)
     seen.wait_for_text("position-interval", "149.0 … 151.0")
     assert not seen.complaints, "\n".join(seen.complaints)
