@@ -4,8 +4,9 @@ The data are not part of this repository. `BEAMTOUCH_REAL_DATA` names a folder w
 `20250317_134149_states.csv` and `20250317_134149_sensor_post_baselines.csv` of
 https://github.com/notvenky/eFlesh (`characterization/datasets/spatial_resolution`, commit ab5ca56, MIT licence, 2025
 Venkatesh Pattabiraman): a soft pad with magnets over five magnetometers of three axes, pressed to one depth at 31 x 31
-places 1 mm apart, five times. It has no forces, so each press counts as 1, and the model is told 0.8 to 1.25. A load
-that the product says contradicts the others is taken out, as it asks.
+places 1 mm apart, five times. It has no forces, so each press counts as 1, and the model is told 0.8 to 1.25. The
+product refuses loads that contradict the others, and names them. It takes none out: this script does, as the user of a
+table would, and resolves the scene again.
 """
 
 import os
@@ -85,13 +86,14 @@ def without_contradictions(place_mm: Floats, shown: Floats) -> tuple[Scene, int]
         try:
             resolve(scene)
         except SceneError as refusal:
-            named = SHOWN.search(str(refusal))
-            if named is None:
+            named = SHOWN.findall(str(refusal))
+            if not named:
                 raise
-            there = (place_mm == [float(named[1]), float(named[2])]).all(axis=1)
-            off = np.abs(shown[:, CHANNELS.index(named[3])] - float(named[4]))
-            kept = np.arange(len(shown)) != np.where(there, off, np.inf).argmin()
-            place_mm, shown = place_mm[kept], shown[kept]
+            for x, y, channel, value in named:
+                there = (place_mm == [float(x), float(y)]).all(axis=1)
+                off = np.abs(shown[:, CHANNELS.index(channel)] - float(value))
+                kept = np.arange(len(shown)) != np.where(there, off, np.inf).argmin()
+                place_mm, shown = place_mm[kept], shown[kept]
         else:
             return scene, count - len(shown)
 

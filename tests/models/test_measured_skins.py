@@ -138,6 +138,20 @@ def test_a_bad_table_of_two_axes_is_refused_in_one_line(name: str, tmp_path: Pat
     assert not (tmp_path / "skin.onnx").exists()
 
 
+@pytest.mark.promise("docs/how-to/measured.md", "it names up to 20 such loads at once")
+def test_loads_that_contradict_the_others_are_named_together_and_no_others(tmp_path: Path, refused: Refusal) -> None:
+    head, *good = loads_csv(grid(7, 5)).splitlines()
+    rows = list(good)
+    for wrong, shown_at in ((17, 27), (8, 30)):
+        rows[wrong] = ",".join([*good[wrong].split(",")[:3], *good[shown_at].split(",")[3:]])
+    line = refused("build", write_scene(tmp_path, table_of(*rows, head=head)), "-o", tmp_path / "skin.onnx")
+    for wrong in (17, 8):
+        x, y, force, *_ = good[wrong].split(",")
+        assert f"under the load at ({x}, {y}) mm with {force} N, " in line
+    assert line.count("but the others say") == 2
+    assert line.rstrip().endswith("measure each of these loads again, or take them out")
+
+
 def test_repeated_loads_count_as_what_they_tell_and_copies_are_doubted() -> None:
     twice = loads_csv(np.repeat(GRID, 2, axis=0), repeats=0.02)
     once, both = (measured_structure_of(scene_of(table)) for table in (GOOD, twice))

@@ -8,7 +8,7 @@ values under it (sec. 5.2), so that few values do not pretend to know them.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Self
@@ -18,6 +18,7 @@ from scipy.linalg import solve_triangular
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.smoothness import KERNELS, ROUGHEST, Measured, Smoothness, measured_together
+from beamtouch_models.design.sweeps import one_thread
 
 LENGTHS = np.geomspace(0.08, 4.0, 17)
 """Length scales along each axis, over the span of the places."""
@@ -72,7 +73,8 @@ class SmoothFit:
         weight = (force_n.max() / force_n) ** 2
         measured = measured_together(place_mm / span_mm, values / scale, weight)
         additive = ADDITIVE if np.ptp(weight) > 0 else ADDITIVE[:1]
-        tried = _probable(measured, additive, place_mm.shape[1])
+        with one_thread():
+            tried = _probable(measured, additive, place_mm.shape[1])
         in_order = sorted(tried, key=lambda combination: -tried[combination])
         logs = np.array([tried[combination] for combination in in_order])
         share = np.cumsum(np.exp(logs - logs[0]))
@@ -132,6 +134,10 @@ class SmoothFit:
         for weight, one, part in self._parts():
             left_out[np.ix_(part.rows, part.columns)] += weight * part.left_out(one)
         return left_out
+
+    def without(self, value: int) -> Self:
+        """Return the fit with the same smoothness to all values but one, which stays in the count of values."""
+        return replace(self, measured=tuple(part.without(value) for part in self.measured))
 
     def variance_with(self, more_mm: Floats, place_mm: Floats) -> Floats:
         """Return the variance (places, columns) at places if one value more were measured at each of `more_mm`.

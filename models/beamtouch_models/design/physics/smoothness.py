@@ -107,14 +107,20 @@ class Measured:
 
     def thinned(self, most: int) -> Self:
         """Return the values at some of the places, drawn evenly and always the same."""
-        count = len(self.place)
-        kept = np.sort(np.random.default_rng(0).permutation(count)[:most])
-        is_kept = np.isin(self.place_of, kept)
+        kept = np.random.default_rng(0).permutation(len(self.place))[:most]
+        return self._only(np.isin(self.place_of, kept))
+
+    def without(self, row: int) -> Self:
+        """Return all values but those in a row of the table."""
+        return self._only(self.rows != row)
+
+    def _only(self, is_kept: Bools) -> Self:
+        places, place_of = np.unique(self.place_of[is_kept], return_inverse=True)
         return replace(
             self,
             rows=self.rows[is_kept],
-            place=self.place[kept],
-            place_of=np.searchsorted(kept, self.place_of[is_kept]),
+            place=self.place[places],
+            place_of=place_of,
             values=self.values[is_kept],
             weight=self.weight[is_kept],
         )

@@ -22,9 +22,12 @@ SURELY = 8.0
 SO_MUCH = 0.1
 """And part of what a sensor shows by which it does."""
 MANY, SURPRISING = 300, 6.0
-"""Of more loads, one hardly changes what the others say, so that none is in question without such a deviation."""
+"""Of more loads, one hardly changes what the others say, so that none is in question without such a deviation. Of
+fewer, the worst one always is."""
 ENOUGH = 8
 """Loads with which one that contradicts the others can be told, and scatter from too few of them."""
+MOST = 20
+"""Loads that a message names."""
 ASKED = 210
 """Places, about, at which a message looks for those where further loads would help."""
 
@@ -78,25 +81,51 @@ def _unknown(variance: Floats, largest: Floats) -> Floats:
 def _contradiction(
     fit: SmoothFit, values: Floats, force_n: Floats, largest: Floats, names: tuple[str, ...], unit: str
 ) -> str:
-    """Say which load contradicts the others; empty if none does."""
-    surprises = np.abs(fit.left_out).max(axis=1)
-    if len(values) < ENOUGH or (len(values) > MANY and surprises.max() < SURPRISING):
+    """Say which loads contradict the others; empty if none does.
+
+    Loads that are wrong make all seem to scatter, which hides others, so the search goes on without those that it has.
+    """
+    wrong, suspects, count = list[str](), list[int](), len(values)
+    while new := _suspects(fit, min(MOST, count // ENOUGH) - len(suspects)):
+        suspects += new
+        rest = values.copy()
+        rest[suspects] = np.nan
+        fit = SmoothFit.of(fit.place_mm, rest, force_n)
+        before = len(wrong)
+        for suspect, mean, deviation in zip(new, *fit.at(fit.place_mm[new]), strict=True):
+            off = np.fmin(np.abs(values[suspect] - mean), _off_a_side(fit.place_mm, values, suspect))
+            off[np.isnan(values[suspect])] = 0.0
+            scatter = np.hypot(deviation, fit.scatter_under(float(force_n[suspect])))
+            worst = int((off / scatter).argmax())
+            if off[worst] > max(SURELY * scatter[worst], SO_MUCH * largest[worst]):
+                load = f"the load at {in_words(fit.place_mm[suspect])} mm with {force_n[suspect]:g} N"
+                both = values[suspect, worst], mean[worst]
+                shown, said = (digits(float(per_newton * force_n[suspect]), 3) for per_newton in both)
+                wrong.append(f"under {load}, {names[worst]} shows {shown} {unit}, but the others say {said}")
+        if len(wrong) == before:
+            break
+    if not wrong:
         return ""
-    suspect = int(surprises.argmax())
-    others = np.delete(np.arange(len(values)), suspect)
-    without = SmoothFit.of(fit.place_mm[others], values[others], force_n[others])
-    mean, deviation = (rows[0] for rows in without.at(fit.place_mm[[suspect]]))
-    off = np.fmin(np.abs(values[suspect] - mean), _off_a_side(fit.place_mm, values, suspect))
-    off[np.isnan(values[suspect])] = 0.0
-    scatter = np.hypot(deviation, without.scatter_under(float(force_n[suspect])))
-    worst = int((off / scatter).argmax())
-    if off[worst] <= max(SURELY * scatter[worst], SO_MUCH * largest[worst]):
-        return ""
-    load = f"the load at {in_words(fit.place_mm[suspect])} mm with {force_n[suspect]:g} N"
-    both = values[suspect, worst], mean[worst]
-    shown, said = (digits(float(per_newton * force_n[suspect]), 3) for per_newton in both)
-    wrong = f"under {load}, {names[worst]} shows {shown} {unit}, but the others say {said}"
-    return f"{wrong}; measure it again, or take it out"
+    again = "measure it again, or take it out"
+    if len(wrong) > 1:
+        again = "measure each of these loads again, or take them out"
+    return f"{'; '.join(wrong)}; {again}"
+
+
+def _suspects(fit: SmoothFit, most: int) -> list[int]:
+    """Return the loads that may contradict the others, each found while those before it are left out.
+
+    One that is far off makes its neighbours surprising. Without it, they are not.
+    """
+    suspects = list[int]()
+    while len(suspects) < most:
+        surprises = np.abs(fit.left_out).max(axis=1)
+        worst = int(surprises.argmax())
+        if surprises[worst] < SURPRISING and (suspects or len(surprises) > MANY):
+            break
+        suspects.append(worst)
+        fit = fit.without(worst)
+    return suspects
 
 
 def _off_a_side(place_mm: Floats, values: Floats, index: int) -> Floats:
