@@ -39,6 +39,8 @@ NARROW = 1e-6
 SPREAD = 2.0
 """Variance of a posterior that is the mean of those of samples with errors, over that of one of them."""
 TINY = float(np.finfo(np.float64).tiny)
+UNLIKELY = 1e-280
+"""Sum of likelihoods below which a posterior is lost: dividing by the sum would overflow."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,7 @@ def _over_forces(along: Floats, square: Floats, low: float, high: float) -> Floa
     mass = np.zeros(exponent.shape)
     mass[likely] = np.exp(exponent[likely]) * (ndtr(high * size - along) - ndtr(low * size - along)) / size
     # Noise may bring a sample next to no contact of the range; then no cell is likelier than the others.
-    mass[mass.sum(axis=1) == 0] = 1.0
+    mass[mass.sum(axis=1) < UNLIKELY] = 1.0
     return mass
 
 
