@@ -79,7 +79,7 @@ class Contact(Strict):
         stated = {"position_mm": self.stated_position_mm, "x_mm": self.x_mm, "y_mm": self.y_mm}
         keys = [key for key, ends in stated.items() if ends is not None]
         if keys not in (["position_mm"], ["x_mm", "y_mm"]):
-            has = f"{' and '.join(keys)} alone" if keys else "no range of places"
+            has = f"{', '.join(keys)}{' alone' if len(keys) == 1 else ''}" if keys else "no range of places"
             raise ValueError(f"it has {has}; state position_mm, or x_mm and y_mm on a structure of two axes")
         for key, ends in stated.items():
             if ends is not None and ends[0] >= ends[1]:
