@@ -19,6 +19,7 @@ from beamtouch_models.lab.rig.surface import Imperfections, VirtualSurface
 from beamtouch_models.runtime import ModelFile, load
 from models.rig_process import process_of
 from support.programs.in_process import Command
+from support.running.waiting import wait_until
 from support.surfaces.example_scenes import SCENES
 from support.surfaces.plate_models import CORNERS_MM, PLATE_SCENE
 
@@ -113,6 +114,16 @@ def test_a_model_of_another_kind_of_structure_is_refused(rig_here: Command, benc
     assert "is a scene of a plate of 400 by 300 mm" in done.stderr
 
 
+def test_a_model_of_a_larger_plate_is_refused(rig_here: Command, plate_model: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "small.toml"
+    text = PLATE_SCENE.read_text(encoding="utf-8").replace("length_x_mm = 400", "length_x_mm = 350")
+    scene.write_text(text.replace("x_mm = [10, 390]", "x_mm = [10, 340]"), encoding="utf-8")
+    done = rig_here(scene, "--model", plate_model, "--modbus-tcp", "127.0.0.1:0")
+    assert done.returncode == 2
+    assert "it is a model of a plate of 400 by 300 mm, but" in done.stderr
+    assert "is a scene of a plate of 350 by 300 mm" in done.stderr
+
+
 def test_the_truth_of_a_plate_has_a_column_for_each_axis(plate_model: Path, tmp_path: Path) -> None:
     truth = tmp_path / "truth.csv"
     options = "--modbus-tcp", "127.0.0.1:0", "--by-hand", "--truth", truth
@@ -123,10 +134,9 @@ def test_the_truth_of_a_plate_has_a_column_for_each_axis(plate_model: Path, tmp_
         rig.stdin.write("300 80 10\n")
         rig.stdin.flush()
         assert rig.stdout.readline() == "10 N at (300, 80) mm is on\n"
-        header, *rows = truth.read_text().splitlines()
-        while not rows or not rows[-1].endswith(",300.0000,80.0000,10.0000"):
-            rows = truth.read_text().splitlines()
-    assert header == "unix_time_s,x_mm,y_mm,force_n"
+        # The rig makes the file after it has begun to listen.
+        wait_until(lambda: truth.is_file() and truth.read_text().endswith(",300.0000,80.0000,10.0000\n"))
+    assert truth.read_text().splitlines()[0] == "unix_time_s,x_mm,y_mm,force_n"
 
 
 def test_heat_from_one_side_bows_a_plate_by_the_formula_and_leaves_its_corners_alone() -> None:

@@ -26,6 +26,7 @@ from beamtouch_models.lab.rig.faults import Faults
 from beamtouch_models.lab.rig.lines import Relay, joined_line, named_line
 from beamtouch_models.lab.rig.loads import ByHand, Load, Script, default_script, load_script
 from beamtouch_models.lab.rig.surface import PERFECT, VirtualSurface, load_imperfections
+from beamtouch_models.places import in_rows
 from beamtouch_models.runtime import loading
 
 TRUTH_PERIOD_S = 0.01
@@ -50,7 +51,8 @@ def run(options: argparse.Namespace) -> int:
     model, module = loading.load(options.model), _module_of(options)
     axes, names = axes_of(len(scene.size_mm)), [channel.name for channel in model.metadata.layout]
     outline = Outline(dict(zip(axes, scene.size_mm, strict=True)))
-    if model.metadata.outline.axes != axes:
+    # A sensor off the structure comes from a model of another one.
+    if model.metadata.outline.axes != axes or np.any(in_rows(model.metadata.layout_mm, len(axes)) > scene.size_mm):
         raise SceneError(
             f"{options.model}: it is a model of {model.metadata.outline}, but {options.scene} is a scene of {outline}"
         )
