@@ -192,3 +192,25 @@ def test_more_places_than_are_searched_at_once_are_fitted_as_their_influence_is(
     places = np.random.default_rng(3).uniform([5, 5], [55, 35], (50, 2))
     told = structure.influence(np.array(list(SENSORS_MM.values())), places)
     assert np.abs(told - influence(places)).max() < 0.02 * np.abs(told).max()
+
+
+@pytest.mark.soak
+def test_gains_of_a_measured_skin_are_calibrated(tmp_path: Path, design_sensors_roughly: Command, model: Model) -> None:
+    model.save(tmp_path / "skin.onnx")
+    gain, rng = {"nw": 1.06, "se": 0.95, "sw": 1.0, "ne": 1.0}, np.random.default_rng(3)
+    rows = ["load,x_mm,y_mm,force_n," + ",".join(f"{name}_deflection_uT" for name in SENSORS_MM)]
+    for load, (x, y) in enumerate(grid(4, 3), start=1):
+        shown = 5 * influence(np.array([[x, y]]))[0] * np.array([gain[name] for name in SENSORS_MM])
+        rows += [
+            f"{load},{x:g},{y:g},5," + ",".join(f"{value:.5f}" for value in shown + NOISE_UT * rng.normal(size=4))
+            for _ in range(6)
+        ]
+    (tmp_path / "loads.csv").write_text("\n".join(rows))
+    done = design_sensors_roughly(
+        "calibrate", tmp_path / "skin.onnx", tmp_path / "loads.csv", "-o", tmp_path / "calibrated.onnx"
+    )
+    assert done.returncode == 0, done.stderr
+    after = load_model(tmp_path / "calibrated.onnx").metadata
+    departures = after.departures
+    wanted = np.array([gain[channel.name] for channel in after.layout])
+    assert np.abs(np.array(departures.gain) / departures.rigidity - wanted).max() < 0.015
