@@ -179,6 +179,10 @@ def _one_of(expected: str, value: object) -> str:
     return f'{text}; did you mean "{near[0]}"?' if near else text
 
 
+_AXES = ({"position_mm"}, {"x_mm", "y_mm"})
+"""Keys of a place on a beam and on a plate."""
+
+
 def _meant(kind: type[BaseModel], location: Sequence[int | str]) -> str:
     """Return what a user may have meant by the unknown key at a place."""
     tables: dict[str, set[str]] = {}
@@ -194,6 +198,9 @@ def _meant(kind: type[BaseModel], location: Sequence[int | str]) -> str:
     for file, keys in _FILES.items():
         if len(location) == 1 and key in keys and not keys & set(own):
             return f"it belongs in {file}; is this the right file?"
+    other = next((axes for axes in _AXES if key not in axes and axes <= set(own)), None)
+    if other and any(key in axes for axes in _AXES):
+        return f"places are stated as {' and '.join(sorted(other))} here"
     longer = [name for name in own if name.startswith(f"{key}_") or name.endswith(f"_{key}")]
     near = longer if len(longer) in (1, 2) else get_close_matches(key, own, n=1, cutoff=_ALIKE)
     if near:

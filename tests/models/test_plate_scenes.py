@@ -50,6 +50,14 @@ def plate_of(scene: Scene) -> Plate:
         ({"plate": {"youngs_modulus_gpa": 210_000}}, "plate.youngs_modulus_gpa = 210000 is more than any material has"),
         ({"plate": {"support_stiffness_n_per_mm": 1e-5}}, "plate: a support has 1e-05 N/mm; give 0.001 to 1e+09"),
         ({"contact": {"x_mm": None, "y_mm": None, "position_mm": [1, 9]}}, "a plate has two axes; state x_mm and y_mm"),
+        (
+            {"plate": {"supports": [{"position_mm": 5}]}},
+            "unknown key plate.supports[0].position_mm; places are stated as x_mm and y_mm here",
+        ),
+        (
+            {"sensors": {"fixed": [{"position_mm": 50}]}},
+            "unknown key sensors.fixed[0].position_mm; places are stated as x_mm and y_mm here",
+        ),
         ({"contact": {"y_mm": [10, 301]}}, "contact.y_mm = [10.0, 301.0] reaches beyond the plate, 0..400 by 0..300"),
         ({"contact": {"width_mm": 300}}, "must be less than the plate's shorter side, 300 mm"),
         ({"sensors": {"fixed": [{"x_mm": 2, "y_mm": 9}]}}, "of size_mm = 12 reaches beyond the edge at x_mm = 0"),

@@ -9,7 +9,9 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from functools import cache
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Protocol, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 Fraction = Callable[[float], None]
 """Called with the fraction of a piece of work that is done, 0 to 1."""
@@ -20,9 +22,6 @@ Progress = Callable[[str, float], None]
 def silent(*_: object) -> None:
     """Report no progress."""
 
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -62,7 +61,5 @@ def load_with_one_thread() -> None:
 
 
 @cache
-def _controller() -> "ThreadpoolController":
-    from threadpoolctl import ThreadpoolController  # noqa: PLC0415  # the rig imports this module and runs no sweep
-
+def _controller() -> ThreadpoolController:
     return ThreadpoolController()
