@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.design.calibration.calibrate import CheckedFit, checked_fit
+from beamtouch_models.design.calibration.calibrate import checked_fit
 from beamtouch_models.design.calibration.doubts import common_in_words
 from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
@@ -42,30 +42,21 @@ def loads(model: ModelFile, real: Imperfections) -> Loads:
     return replace(plain, force_n=plain.force_n * lighter, measured_mm=plain.measured_mm * lighter[:, None])
 
 
-@pytest.fixture(scope="module")
-def checked(model: ModelFile, loads: Loads) -> CheckedFit:
-    return checked_fit(model, loads, silent)
-
-
-def test_sixteen_loads_bring_the_error_of_a_plate_near_that_of_the_hand(checked: CheckedFit) -> None:
+def test_sixteen_loads_tell_a_plate_with_the_errors_that_the_fit_states(
+    model: ModelFile, real: Imperfections, loads: Loads
+) -> None:
+    checked = checked_fit(model, loads, silent)
     assert checked.before_mm.mean() > 1.5
     assert checked.after_mm.mean() < 0.8  # loads are placed to 0.3 mm along each axis, and 0.5 N of 11 are unknown
     assert not checked.sure
 
-
-def test_the_influence_of_the_calibrated_plate_is_that_of_the_real_one(
-    model: ModelFile, real: Imperfections, checked: CheckedFit
-) -> None:
-    places = model.metadata.extent.grid(49)
+    places, fitted = model.metadata.extent.grid(49), checked.fit
     truth = true_prior(model.metadata, real).influence_at(places)
-    found = checked.fit.nominal.prior_with(checked.fit.departures).influence_at(places)
-    plain = checked.fit.nominal.prior.influence_at(places)
-    assert np.abs(found - truth).mean() < 0.25 * np.abs(plain - truth).mean()
+    influence = fitted.nominal.prior_with(fitted.departures).influence_at(places)
+    plain = fitted.nominal.prior.influence_at(places)
+    assert np.abs(influence - truth).mean() < 0.25 * np.abs(plain - truth).mean()
 
-
-def test_stated_errors_of_springs_and_places_hold_the_truth(real: Imperfections, checked: CheckedFit) -> None:
-    nominal, fitted = checked.fit.nominal, checked.fit
-    errors, found = nominal.standard_errors(fitted.vector, fitted.spread), fitted.departures
+    errors, found = fitted.nominal.standard_errors(fitted.vector, fitted.spread), fitted.departures
     assert set(errors) == {"rigidity", "gain", "x", "y", "curve", "springs", "offset"}
     assert found.spring_stiffness is not None
     assert found.across_offset_mm is not None
@@ -77,6 +68,7 @@ def test_stated_errors_of_springs_and_places_hold_the_truth(real: Imperfections,
         assert np.all(np.abs(np.array(said) - np.array(true)) < 3.5 * errors[kind]), kind
 
 
+@pytest.mark.soak
 def test_a_mistyped_load_on_a_plate_is_named(model: ModelFile, loads: Loads) -> None:
     place_mm = loads.place_mm.copy()
     place_mm[6, 1] += 40
@@ -95,6 +87,7 @@ def test_a_pan_and_a_shift_of_all_loads_are_said_with_their_sizes(model: ModelFi
     assert "mm farther down than stated, as if x_mm and y_mm were not measured from the lower left" in told["places"]
 
 
+@pytest.mark.soak
 def test_another_corner_and_swapped_cables_are_named(model: ModelFile, loads: Loads) -> None:
     nominal, names = NominalSurface.of(model.metadata), list(model.channels)
     other = replace(loads, place_mm=np.array([400.0, 0.0]) + np.array([-1.0, 1.0]) * loads.place_mm)

@@ -20,8 +20,8 @@ pytestmark = pytest.mark.long
 PLACES = [(25.0, 25.0), (25.0, 275.0), (375.0, 25.0), (375.0, 275.0)]
 
 
-@pytest.fixture(scope="module")
-def facts() -> Facts:
+def gathered() -> Facts:
+    """Return what the report of a plate has, with little effort."""
     few = {"grid_mm": 50, "fixed": [{"x_mm": x, "y_mm": y} for x, y in PLACES[:1]]}
     kept_out = [{"x_mm": [150.0, 250.0], "y_mm": [100.0, 200.0]}]
     scene = change_scene(read_scene(SCENES / "plate-on-springs.toml"), sensors=few | {"keep_out": kept_out})
@@ -30,29 +30,8 @@ def facts() -> Facts:
     return gather(built, lambda _doing, _done: None)
 
 
-@pytest.fixture(scope="module")
-def text(facts: Facts) -> str:
-    return page(facts)
-
-
-def test_the_report_of_a_plate_is_complete_and_speaks_of_no_beam(facts: Facts, text: str) -> None:
-    tags = Tags(text)
-    words = " ".join(" ".join(tags.text).split())
-    figures = tags.of("svg")
-    assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 5
-    assert all(figure["role"] == "img" and len(figure["aria-label"]) > 30 for figure in figures)
-    assert not re.search(r"\b(nan|inf|None)\b", words)
-    assert not re.search(r"\bbeams?\b|left end|middle third", words.split("Origin")[0])
-    assert "A plate of 400 by 300 mm over 4 sensors" in words
-    assert "x = 10 to 390 mm and y = 10 to 290 mm from its lower left corner" in words
-    assert "s1 (fixed) 25 25 375 275 250" in words
-    assert "springs of 15 N/mm at (0, 0), (0, 300), (400, 0), (400, 300) mm" in words
-    for axis in range(2):
-        share = facts.profile.whole.held[axis]
-        assert abs(share.value - 0.95) < 0.03
-
-
-def test_layout_and_keep_outs_are_drawn_to_one_scale(text: str) -> None:
+def assert_drawn_to_one_scale(text: str) -> None:
+    """Layout and keep-outs lie where they are, by one scale."""
     drawing = re.findall(r"<svg.*?</svg>", text, re.DOTALL)[0]
     sensors = np.array(
         re.findall(r'<circle class="sensor[^>]* cx="([\d.]+)" cy="([\d.]+)" r="([\d.]+)"', drawing), float
@@ -70,6 +49,35 @@ def test_layout_and_keep_outs_are_drawn_to_one_scale(text: str) -> None:
     assert (x - sensors[0, 0], sensors[0, 1] - y - height) == pytest.approx((125 * px, 75 * px), abs=0.2)
 
 
+def assert_map_adds_up(facts: Facts) -> None:
+    """The parts of the map have the mean error that the model states."""
+    profile = facts.profile
+    mean_mm = facts.model.metadata.accuracy.error_percent / 100 * 500
+    assert np.nanmean(profile.model_mm) == pytest.approx(mean_mm, rel=0.25)
+    assert profile.model_mm.shape == profile.limit_mm.shape == (8 * 6,)
+
+
+def test_the_report_of_a_plate_is_complete_and_speaks_of_no_beam() -> None:
+    facts = gathered()
+    text = page(facts)
+    tags = Tags(text)
+    words = " ".join(" ".join(tags.text).split())
+    figures = tags.of("svg")
+    assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 5
+    assert all(figure["role"] == "img" and len(figure["aria-label"]) > 30 for figure in figures)
+    assert not re.search(r"\b(nan|inf|None)\b", words)
+    assert not re.search(r"\bbeams?\b|left end|middle third", words.split("Origin")[0])
+    assert "A plate of 400 by 300 mm over 4 sensors" in words
+    assert "x = 10 to 390 mm and y = 10 to 290 mm from its lower left corner" in words
+    assert "s1 (fixed) 25 25 375 275 250" in words
+    assert "springs of 15 N/mm at (0, 0), (0, 300), (400, 0), (400, 300) mm" in words
+    for axis in range(2):
+        share = facts.profile.whole.held[axis]
+        assert abs(share.value - 0.95) < 0.03
+    assert_drawn_to_one_scale(text)
+    assert_map_adds_up(facts)
+
+
 @pytest.mark.soak
 def test_a_plate_is_built_again_with_its_report_where_its_sensors_are_mounted(
     design_sensors_roughly: Command, tmp_path: Path
@@ -82,13 +90,6 @@ def test_a_plate_is_built_again_with_its_report_where_its_sensors_are_mounted(
     assert again.returncode == 0
     assert "the sensors stay where" in " ".join(again.stderr.split())
     assert "They stay where they were mounted." in report.read_text(encoding="utf-8")
-
-
-def test_parts_of_the_map_add_up_to_the_mean_error(facts: Facts) -> None:
-    profile = facts.profile
-    mean_mm = facts.model.metadata.accuracy.error_percent / 100 * 500
-    assert np.nanmean(profile.model_mm) == pytest.approx(mean_mm, rel=0.25)
-    assert profile.model_mm.shape == profile.limit_mm.shape == (8 * 6,)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import subprocess
 import time
 import tomllib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,11 +102,11 @@ def prometheus_of(folder: Path, service: str, daemon_port: int) -> tuple[subproc
     return process, f"http://127.0.0.1:{port}"
 
 
-@pytest.fixture(scope="module")
-def watched(tmp_path_factory: pytest.TempPathFactory, bench_model: Path) -> Iterator[Watched]:
-    """A line whose broker is not there, whose second sensor loses its cable, and whose daemon then ends."""
+@contextmanager
+def watched(folder: Path, bench_model: Path) -> Iterator[Watched]:
+    """Give a line whose broker is not there, whose second sensor loses its cable, and whose daemon then ends."""
     require("prometheus", "prometheus")
-    folder, begin, daemon_port = tmp_path_factory.mktemp("dashboards"), time.time(), free_port()
+    begin, daemon_port = time.time(), free_port()
     (folder / "script.toml").write_text(SCRIPT)
     config = tomllib.loads(bench_model.with_suffix(".toml").read_text())
     (folder / "built.toml").write_text(tomli_w.dumps({**config, "metrics": {"port": daemon_port}}))
@@ -133,42 +134,38 @@ def watched(tmp_path_factory: pytest.TempPathFactory, bench_model: Path) -> Iter
             process.wait(30)
 
 
-@pytest.mark.parametrize("dashboard", [path.stem for path in DASHBOARDS])
-def test_each_query_has_an_answer(watched: Watched, dashboard: str) -> None:
-    empty = {
-        (dashboard, expression)
-        for expressions in panels(dashboard).values()
-        for expression in expressions
-        if not watched.series(expression)
-    }
-    assert empty <= ONLY_UNDER_OTHER_FAULTS
+SHOWN = [
+    ("sensors", "Out", "s2", 1.0),
+    ("sensors", "Quality", "saturated", 1.0),
+    ("plant", "Sensors out", None, 1.0),
+    ("surface", "Notes", "degraded", 1.0),
+    ("plant", "Parts that are missing", "mqtt", 1.0),
+    ("plant", "Programs", "beamtouch-daemon", 0.0),
+    ("plant", "Problems", "stale", 1.0),
+    ("surface", "Problem", "stale", 1.0),
+    ("plant", "Without an answer", None, 1.0),
+    ("plant", "With a contact", None, 1.0),
+    ("surface", "Zones", "inside", 1.0),
+]
+"""Dashboard, panel, a label and its value at some time."""
 
 
-@pytest.mark.parametrize(
-    ("dashboard", "title", "label", "value"),
-    [
-        ("sensors", "Out", "s2", 1.0),
-        ("sensors", "Quality", "saturated", 1.0),
-        ("plant", "Sensors out", None, 1.0),
-        ("surface", "Notes", "degraded", 1.0),
-        ("plant", "Parts that are missing", "mqtt", 1.0),
-        ("plant", "Programs", "beamtouch-daemon", 0.0),
-        ("plant", "Problems", "stale", 1.0),
-        ("surface", "Problem", "stale", 1.0),
-        ("plant", "Without an answer", None, 1.0),
-        ("plant", "With a contact", None, 1.0),
-        ("surface", "Zones", "inside", 1.0),
-    ],
-)
-def test_a_fault_is_shown(watched: Watched, dashboard: str, title: str, label: str | None, value: float) -> None:
-    found = watched.series(panels(dashboard)[title][0])
-    assert [labels for labels, values in found.items() if label in (None, *labels) and value in values]
-
-
-def test_requests_without_an_answer_are_counted_by_unit_while_replies_are_lost(watched: Watched) -> None:
-    (expression,) = panels("sensors")["Requests without an answer"]
-    (rates,) = watched.series(expression).values()
-    assert max(rates) > 0
+def test_each_query_has_an_answer_and_each_fault_is_shown(tmp_path: Path, bench_model: Path) -> None:
+    with watched(tmp_path, bench_model) as seen:
+        empty = {
+            (path.stem, expression)
+            for path in DASHBOARDS
+            for expressions in panels(path.stem).values()
+            for expression in expressions
+            if not seen.series(expression)
+        }
+        assert empty <= ONLY_UNDER_OTHER_FAULTS
+        for dashboard, title, label, value in SHOWN:
+            found = seen.series(panels(dashboard)[title][0])
+            assert [labels for labels, values in found.items() if label in (None, *labels) and value in values], title
+        (expression,) = panels("sensors")["Requests without an answer"]
+        (rates,) = seen.series(expression).values()
+        assert max(rates) > 0
 
 
 @pytest.mark.parametrize("dashboard", [path.stem for path in DASHBOARDS])
