@@ -211,8 +211,7 @@ def _structure(
         names,
         np.array([place for _, place in in_order]),
         ticks,
-        PlaceTable(ticks, mean),
-        RegularGridInterpolator(ticks, between.reshape(*map(len, ticks), -1), bounds_error=False, fill_value=None),
+        *_between_ticks(ticks, mean, between),
         fit.repeatability,
         fit,
         _spacing_mm(loads.place_mm),
@@ -256,14 +255,21 @@ def _structure_by_theory(
         names,
         np.array([place for _, place in in_order]),
         ticks,
-        PlaceTable(ticks, mean),
-        RegularGridInterpolator(ticks, between, bounds_error=False, fill_value=None),
+        *_between_ticks(ticks, mean, between),
         fit.repeatability,
         fit,
         float(np.diff(theory.position_mm).max()),
         np.zeros(len(names)),
         fit.gains.characteristics,
     )
+
+
+def _between_ticks(
+    ticks: tuple[Floats, ...], mean: Floats, between: Floats
+) -> tuple[PlaceTable, RegularGridInterpolator]:
+    """Return what interpolates a fit's mean and standard deviation between the places where it was evaluated."""
+    on_grid = between.reshape(*map(len, ticks), -1)
+    return PlaceTable(ticks, mean), RegularGridInterpolator(ticks, on_grid, bounds_error=False, fill_value=None)
 
 
 def _ticks_mm(contacts_mm: tuple[float, float], length_mm: float, axes: int) -> Floats:
