@@ -27,7 +27,7 @@ from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.places import distances_mm
 from beamtouch_models.runtime import ModelFile, load
-from beamtouch_models.runtime.metadata import Calibration, Departures
+from beamtouch_models.runtime.departures import Calibration, Departures
 from beamtouch_models.runtime.session import Answers, runner, stated_mm
 from support.surfaces.plate_models import write_plate_model
 from support.surfaces.real_surfaces import random_imperfections, recorded, true_prior

@@ -6,7 +6,7 @@ import onnx
 import pytest
 from onnx import helper
 
-from beamtouch_models.runtime.metadata import Calibration, Departures
+from beamtouch_models.runtime.departures import Calibration, Departures
 from support.network.free_ports import free_port
 from support.surfaces import configs
 from support.surfaces.small_model import content_of, model_of

@@ -28,7 +28,7 @@ from beamtouch_models.design.rates import SECONDS_PER_DAY
 from beamtouch_models.design.scene import Scene, load_scene
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.runtime.decision.decider import PERSISTENCE
-from beamtouch_models.runtime.metadata import FilterChoice, Thresholds
+from beamtouch_models.runtime.metadata_parts import FilterChoice, Thresholds
 from beamtouch_models.runtime.session import Run, runner
 from models.posterior_cases import graph_of
 from models.rare_rest import FARTHEST, Sequences, at_rest, log_tilt, overlapping_means, rest_like_contact, tilted

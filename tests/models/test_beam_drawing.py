@@ -6,7 +6,7 @@ from beamtouch_models.design.building.build import draw_beam
 from beamtouch_models.design.building.report.beam_drawing import BENT_PX, HEIGHT, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.design.scene import Scene, parse_scene
 from beamtouch_models.runtime import ModelFile
-from beamtouch_models.runtime.metadata import Channel
+from beamtouch_models.runtime.metadata_parts import Channel
 from support.pages.tags import Tags
 from support.surfaces.example_scenes import PAPER
 

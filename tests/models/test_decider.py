@@ -7,7 +7,7 @@ import pytest
 
 from beamtouch_models.runtime import LOG_ODDS, MISFIT, Evidence, Hypotheses, Memory, State, is_odd, memories_after
 from beamtouch_models.runtime.decision.decider import AT_REST, decide
-from beamtouch_models.runtime.metadata import Thresholds
+from beamtouch_models.runtime.metadata_parts import Thresholds
 
 TOUCH, LIFT, STRONG = 16.0, 2.0, 64.0
 """Log odds of a touch, an eighth of them, and four times as many."""

@@ -7,7 +7,7 @@ import pytest
 
 from beamtouch_models.runtime import Evidence, ModelFile, Weighed, evidence, is_unchecked
 from beamtouch_models.runtime.decision.evidence import is_overload
-from beamtouch_models.runtime.metadata import Calibration, Departures
+from beamtouch_models.runtime.departures import Calibration, Departures
 from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
 NOISE_MM2 = 1e-4

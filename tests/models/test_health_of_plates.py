@@ -6,7 +6,8 @@ import pytest
 from beamtouch_models.arrays import Floats
 from beamtouch_models.places import grid_of
 from beamtouch_models.runtime import BestSample, Health
-from beamtouch_models.runtime.metadata import Channel, Influence, Metadata, Ranges
+from beamtouch_models.runtime.metadata import Metadata
+from beamtouch_models.runtime.metadata_parts import Channel, Influence, Ranges
 from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
 SIZE_MM = np.array([400.0, 300.0])

@@ -16,7 +16,7 @@ from beamtouch_models.runtime import (
     State,
     memories_after,
 )
-from beamtouch_models.runtime.metadata import Thresholds
+from beamtouch_models.runtime.metadata_parts import Thresholds
 
 TOUCH = 16.0
 THRESHOLDS = Thresholds(touch=[TOUCH] * 4, rest=[50.0] * 4, misfit=[30.0] * 4, false_contacts_per_day=1 / 30)

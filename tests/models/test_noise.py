@@ -10,7 +10,7 @@ from beamtouch_models.design.pricing.noise import step_mm
 from beamtouch_models.design.scene import Requirements, Scene
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
-from beamtouch_models.runtime.metadata import FilterChoice
+from beamtouch_models.runtime.metadata_parts import FilterChoice
 from support.surfaces.example_scenes import paper_scene
 
 

@@ -18,7 +18,7 @@ from beamtouch_models.design.scene import identity_of
 from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.scene.tables import Sensors
 from beamtouch_models.errors import InputError
-from beamtouch_models.runtime.metadata import Departures
+from beamtouch_models.runtime.departures import Departures
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
 

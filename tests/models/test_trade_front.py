@@ -14,7 +14,7 @@ from beamtouch_models.design.surface import resolve
 from beamtouch_models.lab.trade.measure import MeasuredModel, Task, follow, measure, numbers_of_sensors
 from beamtouch_models.lab.trade.trade import Point, UnreachableTargetError, most_accurate, pareto_front, quickest
 from beamtouch_models.runtime import ModelFile
-from beamtouch_models.runtime.metadata import FilterChoice
+from beamtouch_models.runtime.metadata_parts import FilterChoice
 from support.surfaces.example_scenes import PAPER, ROUGH, SCENES
 
 NONE, PLAIN = Measurement(0.0, 0.0), parse_scene(PAPER, "plain")

@@ -20,7 +20,8 @@ from beamtouch_models.lab.challenge.play import DrawnContacts, SimulatedSurface
 from beamtouch_models.lab.rig.loads import NOTHING, Load
 from beamtouch_models.lab.rig.surface import PERFECT, Imperfections, VirtualSurface
 from beamtouch_models.runtime import ModelFile
-from beamtouch_models.runtime.metadata import Calibration, Departures, Sensor
+from beamtouch_models.runtime.departures import Calibration, Departures
+from beamtouch_models.runtime.metadata_parts import Sensor
 from support.surfaces.example_scenes import SCENES, paper_scene
 
 SCENE, _ = load_scene(SCENES / "bench.toml")

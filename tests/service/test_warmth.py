@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.runtime import Evidence
-from beamtouch_models.runtime.metadata import Thresholds
+from beamtouch_models.runtime.metadata_parts import Thresholds
 from beamtouch_service.surfaces.warmth import Warmth, shift_of
 
 LIMIT = 64.0

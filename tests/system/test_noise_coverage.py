@@ -23,7 +23,7 @@ from beamtouch_models.design.scene import Scene, parse_scene
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.design.world import counts_of_output, output_of_gap
 from beamtouch_models.runtime.error_model import whitening
-from beamtouch_models.runtime.metadata import Sensor
+from beamtouch_models.runtime.metadata_parts import Sensor
 from beamtouch_models.runtime.session import Run, runner
 from support.surfaces.example_scenes import SCENES
 from support.surfaces.stated_problems import problem_in, real_prior

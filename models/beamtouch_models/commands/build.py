@@ -33,7 +33,7 @@ from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.places import Place
 from beamtouch_models.runtime import loading
 from beamtouch_models.runtime.description import unseen
-from beamtouch_models.runtime.metadata import LayoutErrors
+from beamtouch_models.runtime.metadata_parts import LayoutErrors
 
 
 @dataclass(frozen=True)

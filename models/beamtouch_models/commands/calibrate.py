@@ -27,10 +27,11 @@ from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.printing import Result
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.runtime import loading
+from beamtouch_models.runtime.departures import Departures
 from beamtouch_models.runtime.health.changes import DRIFT
 from beamtouch_models.runtime.health.residuals import LoadErrors
 from beamtouch_models.runtime.loading import ModelFile
-from beamtouch_models.runtime.metadata import Departures, Metadata
+from beamtouch_models.runtime.metadata import Metadata
 
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""

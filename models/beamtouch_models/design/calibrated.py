@@ -11,7 +11,8 @@ from beamtouch_models.design.physics.measured_structure import MeasuredStructure
 from beamtouch_models.design.physics.structure import Structure, changed, influence, size_of
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.places import as_stated, on_axis
-from beamtouch_models.runtime.metadata import Departures, Metadata
+from beamtouch_models.runtime.departures import Departures
+from beamtouch_models.runtime.metadata import Metadata
 
 
 def prior_of_model(metadata: Metadata) -> Prior:

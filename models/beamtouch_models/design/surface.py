@@ -48,7 +48,8 @@ from beamtouch_models.names import Criterion
 from beamtouch_models.numbers import at_least, at_most, number, whole
 from beamtouch_models.places import Place, grid_of, in_rows, on_axis
 from beamtouch_models.runtime.error_model import Errors
-from beamtouch_models.runtime.metadata import FilterChoice, Metadata, Noise, Sensor
+from beamtouch_models.runtime.metadata import Metadata
+from beamtouch_models.runtime.metadata_parts import FilterChoice, Noise, Sensor
 
 if TYPE_CHECKING:
     from beamtouch_models.design.layout import Layout

@@ -25,7 +25,8 @@ from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.errors import SceneError
 from beamtouch_models.places import Extent
-from beamtouch_models.runtime.metadata import Departures, Sensor
+from beamtouch_models.runtime.departures import Departures
+from beamtouch_models.runtime.metadata_parts import Sensor
 
 TABLE = 1001
 """Number of load positions in the tables of deflections and modes."""

@@ -17,19 +17,12 @@ from beamtouch_models.runtime.decision.evidence import (
     is_unchecked,
 )
 from beamtouch_models.runtime.decision.wrong_channels import Suspects, Wirings
+from beamtouch_models.runtime.departures import Calibration
 from beamtouch_models.runtime.health.health import BestSample, ChannelChange, Health
 from beamtouch_models.runtime.loading import ModelFile, load, load_bytes, read
 from beamtouch_models.runtime.metadata import CORRELATION_OUTPUT as CORRELATION
-from beamtouch_models.runtime.metadata import (
-    Accuracy,
-    BeamDrawing,
-    Calibration,
-    Channel,
-    Metadata,
-    Noise,
-    Ranges,
-    Thresholds,
-)
+from beamtouch_models.runtime.metadata import Metadata
+from beamtouch_models.runtime.metadata_parts import Accuracy, BeamDrawing, Channel, Noise, Ranges, Thresholds
 from beamtouch_models.runtime.session import Answers
 
 __all__ = [

@@ -12,8 +12,9 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.places import grid_of
+from beamtouch_models.runtime.departures import Departures
 from beamtouch_models.runtime.force_range import ANY_FORCE, ForceRange
-from beamtouch_models.runtime.metadata import Departures, Metadata
+from beamtouch_models.runtime.metadata import Metadata
 
 STEPS = 3
 """Steps of Gauss and Newton from the best node of the table; each squares the distance to the best contact."""

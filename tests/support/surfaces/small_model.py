@@ -17,6 +17,9 @@ from beamtouch_models.runtime.metadata import (
     EVIDENCE_OUTPUTS,
     FORCE_OUTPUTS,
     POSITION_OUTPUTS,
+    Metadata,
+)
+from beamtouch_models.runtime.metadata_parts import (
     Accuracy,
     BeamDrawing,
     Channel,
@@ -26,7 +29,6 @@ from beamtouch_models.runtime.metadata import (
     Golden,
     Influence,
     LayoutErrors,
-    Metadata,
     Noise,
     Ranges,
     Sensor,

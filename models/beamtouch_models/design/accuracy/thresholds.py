@@ -41,7 +41,7 @@ from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.rates import MAX_FALSE, SECONDS_PER_DAY
 from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.decision.decider import PERSISTENCE
-from beamtouch_models.runtime.metadata import FilterChoice, SmallestForce
+from beamtouch_models.runtime.metadata_parts import FilterChoice, SmallestForce
 
 PLACES = 129
 """Places at which a contact is looked for, about; the odds change little between them."""

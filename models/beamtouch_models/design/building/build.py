@@ -15,7 +15,8 @@ from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.sweeps import Progress, silent
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.names import ESTIMATORS, EstimatorName
-from beamtouch_models.runtime.metadata import BeamDrawing, Channel, DrawnSupport, Metadata, Ranges
+from beamtouch_models.runtime.metadata import Metadata
+from beamtouch_models.runtime.metadata_parts import BeamDrawing, Channel, DrawnSupport, Ranges
 
 POINTS, LOADS = 41, 33
 """Positions along the drawn beam and of its contact; a page interpolates between them."""

@@ -28,7 +28,7 @@ from beamtouch_models.design.placement.placing import Aim
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.world import World
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.runtime.metadata import (
+from beamtouch_models.runtime.metadata_parts import (
     Accuracy,
     Floor,
     Golden,

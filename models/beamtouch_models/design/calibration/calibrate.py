@@ -34,8 +34,9 @@ from beamtouch_models.design.world import World
 from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
 from beamtouch_models.names import ESTIMATORS
 from beamtouch_models.places import distances_mm, in_words
+from beamtouch_models.runtime.departures import Calibration, Departures
 from beamtouch_models.runtime.loading import ModelFile
-from beamtouch_models.runtime.metadata import Calibration, Departures, Metadata
+from beamtouch_models.runtime.metadata import Metadata
 
 MAX_LEFT = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.

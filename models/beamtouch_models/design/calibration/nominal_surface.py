@@ -18,9 +18,10 @@ from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.places import grid_of, in_rows, on_axis
 from beamtouch_models.runtime.curve import InfluenceCurve
+from beamtouch_models.runtime.departures import Departures
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.health.residuals import LoadErrors
-from beamtouch_models.runtime.metadata import Departures, Metadata
+from beamtouch_models.runtime.metadata import Metadata
 
 GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES, SPRING = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0, 0.1
 """Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend

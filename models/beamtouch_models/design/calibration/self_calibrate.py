@@ -23,8 +23,9 @@ from beamtouch_models.design.pricing.noise import GAIN_ERROR
 from beamtouch_models.design.scene.tables import MAX_GAIN_PERCENT
 from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.errors import NotGoodEnoughError
+from beamtouch_models.runtime.departures import Calibration
 from beamtouch_models.runtime.loading import ModelFile
-from beamtouch_models.runtime.metadata import Calibration, Metadata
+from beamtouch_models.runtime.metadata import Metadata
 
 KINDS = ("gain", "position", "curve", "offset")
 """Departures that unlabelled contacts determine. Rigidity is a scale of the forces, and fixity they hardly tell from

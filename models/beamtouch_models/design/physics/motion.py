@@ -25,7 +25,7 @@ from beamtouch_models.design.scene.beam import SMALLEST_NORMAL, Beam
 from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.places import grid_of
-from beamtouch_models.runtime.metadata import FilterChoice
+from beamtouch_models.runtime.metadata_parts import FilterChoice
 
 DAMPING_RATIO = 0.01
 """Assumed if a scene states none: a bare metal beam on its supports; Blevins, Flow-Induced Vibration, ch. 8."""

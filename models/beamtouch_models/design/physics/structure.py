@@ -17,7 +17,7 @@ from beamtouch_models.design.scene.beam import Beam, changed_beam
 from beamtouch_models.design.scene.plate import Plate, stiffened_plate
 from beamtouch_models.errors import SceneError
 from beamtouch_models.places import Extent, in_rows
-from beamtouch_models.runtime.metadata import Departures
+from beamtouch_models.runtime.departures import Departures
 
 Structure = Beam | Plate | MeasuredStructure
 PARTS = 33

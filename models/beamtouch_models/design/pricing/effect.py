@@ -15,7 +15,7 @@ from beamtouch_models.design.physics.structure import influence_of
 from beamtouch_models.design.pricing.noise import ReadingErrors
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.errors import SceneError
-from beamtouch_models.runtime.metadata import FilterChoice
+from beamtouch_models.runtime.metadata_parts import FilterChoice
 
 Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
 

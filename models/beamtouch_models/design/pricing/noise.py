@@ -12,7 +12,7 @@ from beamtouch_common.units import MM
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import Chain, Mean, readings_within
-from beamtouch_models.runtime.metadata import FilterChoice, Noise
+from beamtouch_models.runtime.metadata_parts import FilterChoice, Noise
 
 SPIKE_SIGMAS = 6.0
 """Distance from the median of three, in standard deviations, of a spike; noise reaches it once in 1e8 readings."""

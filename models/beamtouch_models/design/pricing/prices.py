@@ -28,7 +28,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.filters.walk import OWN
 from beamtouch_models.numbers import at_most
 from beamtouch_models.places import positions_of
-from beamtouch_models.runtime.metadata import FilterChoice
+from beamtouch_models.runtime.metadata_parts import FilterChoice
 
 MAX_POSITIONS = 401
 """Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""

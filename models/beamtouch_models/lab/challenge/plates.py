@@ -10,7 +10,7 @@ from beamtouch_models.design.physics.plate import heated
 from beamtouch_models.design.physics.structure import changed, influence
 from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.lab.challenge.play import Case, DrawnContacts, Make, Play, SimulatedSurface
-from beamtouch_models.runtime.metadata import Departures
+from beamtouch_models.runtime.departures import Departures
 
 SOFTER = 0.2
 """Part of its stiffness that a spring has lost."""

@@ -24,7 +24,8 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig.faults import Faults
 from beamtouch_models.lab.rig.loads import Load
 from beamtouch_models.places import Extent, as_stated, in_rows
-from beamtouch_models.runtime.metadata import Departures, Metadata
+from beamtouch_models.runtime.departures import Departures
+from beamtouch_models.runtime.metadata import Metadata
 
 PER_CHANNEL = ("position_offset_mm", "x_offset_mm", "y_offset_mm", "gain", "offset_mm", "drift_um_per_min")
 """Keys with an entry per channel."""

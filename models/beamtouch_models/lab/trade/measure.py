@@ -22,7 +22,8 @@ from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import ESTIMATORS, EstimatorName
 from beamtouch_models.places import Place
-from beamtouch_models.runtime.metadata import INPUTS, FilterChoice
+from beamtouch_models.runtime.metadata import INPUTS
+from beamtouch_models.runtime.metadata_parts import FilterChoice
 from beamtouch_models.runtime.session import open_session, runner
 
 AROUND = 2

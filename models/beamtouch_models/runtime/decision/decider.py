@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.runtime.decision.evidence import Evidence, is_odd
-from beamtouch_models.runtime.metadata import Thresholds
+from beamtouch_models.runtime.metadata_parts import Thresholds
 
 LIFT_FRACTION = 1 / 8
 """The log odds at which a contact ends, over those at which it begins.

@@ -9,7 +9,8 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.runtime.error_model import whitening
-from beamtouch_models.runtime.metadata import Metadata, Thresholds, fewest_that_check
+from beamtouch_models.runtime.metadata import Metadata, fewest_that_check
+from beamtouch_models.runtime.metadata_parts import Thresholds
 from beamtouch_models.runtime.session import Run
 
 MOVING = 1.5
