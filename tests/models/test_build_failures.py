@@ -11,7 +11,7 @@ from onnx import numpy_helper
 
 from beamtouch_models.design.building import measure
 from beamtouch_models.design.building.remarks import weak_spot
-from beamtouch_models.design.building.report import page
+from beamtouch_models.design.building.report import facts
 from beamtouch_models.design.estimators import estimator
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.design.scene import parse_scene, read_scene
@@ -123,7 +123,7 @@ def test_a_build_that_is_interrupted_while_it_measures_for_the_report_leaves_not
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(page, "gather", interrupt)
+    monkeypatch.setattr(facts, "gather", interrupt)
     scene = tmp_path / "scene.toml"
     scene.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 57"))
     files = ("-o", tmp_path / "m.onnx", "--daemon-config", tmp_path / "d.toml", "--report", tmp_path / "r.html")

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from beamtouch_models.design.building.build import Built
-from beamtouch_models.design.building.report import page as page_module
-from beamtouch_models.design.building.report.page import Facts, gather, page
+from beamtouch_models.design.building.report import facts as measured
+from beamtouch_models.design.building.report.facts import Facts, gather
+from beamtouch_models.design.building.report.page import page
 from beamtouch_models.design.building.report.parts import parts_of, shows_mm
 from beamtouch_models.design.building.report.questions import overload_of, questions
 from beamtouch_models.design.layout import Layout
@@ -31,8 +32,8 @@ def facts(bench_model: Path, bench: ModelFile) -> Facts:
     placement = place(*problem_in(scene), len(bench.metadata.layout), 0)
     layout = Layout(resolve(scene, chosen=bench.metadata.filter), placement, Aim("eigenvalue-product"))
     with pytest.MonkeyPatch.context() as fewer:
-        fewer.setattr(page_module, "PROFILE_DRAWS", 4000)
-        fewer.setattr(page_module, "LAYOUT_DRAWS", 1000)
+        fewer.setattr(measured, "PROFILE_DRAWS", 4000)
+        fewer.setattr(measured, "LAYOUT_DRAWS", 1000)
         built = Built(bench_model.read_bytes(), bench.metadata, layout)
         return gather(built, lambda _doing, _done: None)
 

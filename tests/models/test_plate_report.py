@@ -9,7 +9,8 @@ import pytest
 
 from beamtouch_models import change_scene, read_scene, resolve
 from beamtouch_models.design.building.build import build_model
-from beamtouch_models.design.building.report.page import Facts, gather, page
+from beamtouch_models.design.building.report.facts import Facts, gather
+from beamtouch_models.design.building.report.page import page
 from beamtouch_models.design.building.report.plate_pictures import Map, Region, draw_maps, draw_regions
 from beamtouch_models.design.effort import Effort
 from support.pages.tags import Tags

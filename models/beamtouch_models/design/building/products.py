@@ -21,9 +21,9 @@ def write_products(
     page_text = ""
     if report is not None:
         # Most builds write none, and its drawings and its template are a tenth of what a build would import.
-        from beamtouch_models.design.building.report.page import gather, page  # noqa: PLC0415
+        from beamtouch_models.design.building.report import facts, page  # noqa: PLC0415
 
-        page_text = page(gather(built, progress))
+        page_text = page.page(facts.gather(built, progress))
     if model is not None:
         write_atomically(model, built.content)
     if report is not None:
