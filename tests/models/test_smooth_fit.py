@@ -39,15 +39,23 @@ def repeated_values() -> tuple[Measured, Floats]:
 
 
 def test_values_at_one_place_are_as_probable_as_all_of_them_apart() -> None:
-    measured, covariance = repeated_values()
+    both, covariance = repeated_values()
     count, logs = len(covariance), np.linspace(-6, 6, 2001)
     # Of the integral, without what is the same for all combinations.
     constant = math.lgamma(count / 2) + (count / 2 - 1) * math.log(2) - count / 2 * math.log(2 * math.pi)
-    density, wanted = stats.multivariate_normal(np.zeros(count), covariance), 0.0
-    for values in measured.values.T:
+    density, alone = stats.multivariate_normal(np.zeros(count), covariance), 0.0
+    for values in both.values.T:
+        (measured,) = measured_together(both.place[both.place_of], values[:, None], both.weight)
         at_amplitude = density.logpdf(values * np.exp(-logs)[:, None]) - count * logs
-        wanted += float(special.logsumexp(at_amplitude)) + math.log(logs[1] - logs[0]) - constant
-    assert math.isclose(measured.process(SMOOTHNESS).log_probability, wanted, rel_tol=1e-9)
+        wanted = float(special.logsumexp(at_amplitude)) + math.log(logs[1] - logs[0]) - constant
+        assert math.isclose(measured.process(SMOOTHNESS).log_probability, wanted, rel_tol=1e-9)
+        alone += wanted
+    # Of two columns, three values that are not correlated count beside the eight.
+    first, second = np.linalg.solve(np.linalg.cholesky(covariance), both.values).T
+    correlation = first @ second / math.sqrt(first @ first * (second @ second)) * 8 / (8 + 3)
+    wanted = alone - count / 2 * math.log(1 - correlation**2)
+    assert math.isclose(both.process(SMOOTHNESS).log_probability, wanted, rel_tol=1e-9)
+    assert math.isclose(both.process(SMOOTHNESS).correlation[0, 1], correlation, rel_tol=1e-9)
 
 
 def test_a_value_is_left_out_as_if_it_had_not_been_measured() -> None:

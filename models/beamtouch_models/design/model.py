@@ -280,7 +280,12 @@ def _with_own(prior: Prior, influence: InfluenceFunction, sensor_mm: Floats, gai
     # A calibration has found the places of the sensors.
     mounting_mm = prior.errors.mounting_mm if prior.variance_at is not None else 0.0
     is_uncertain = influence.is_uncertain(mounting_mm)
-    return replace(prior, influence_at=influence_at, variance_at=variance_at if is_uncertain else None)
+    return replace(
+        prior,
+        influence_at=influence_at,
+        variance_at=variance_at if is_uncertain else None,
+        shared=influence.shared(sensor_mm),
+    )
 
 
 def load_model(model: Path | str | bytes) -> Model:

@@ -66,7 +66,7 @@ def summarize(prior: Prior, deflection_mm: Floats, levels: Floats | None = None)
 
 def _summaries(prior: Prior, whitening: Floats, samples: Floats, levels: Floats) -> tuple[Floats, Floats, Floats]:
     """Return medians, mean distances and places at levels of a part of the samples."""
-    density_of = partial(log_density, forces_of(prior.force_n, 0.0))
+    density_of = partial(log_density, forces_of(prior.force_n, 0.0), shared=prior.shared)
     extent, count = prior.extent, len(samples)
     low, size = np.tile(extent.low_mm, (count, 1)), np.tile(extent.size_mm, (count, 1))
     todo, shared = np.arange(count), slice(1)  # all begin with the same box

@@ -50,8 +50,7 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     to a support, with smaller weights; otherwise a few contacts would dominate a mean.
     """
     place, force, noise, weight = even_contacts(prior, count, seed)
-    clean, deviation = prior.sampled(place, force)
-    return Draws(place, force, clean + deviation * noise, weight)
+    return Draws(place, force, prior.with_errors(place, force, noise), weight)
 
 
 def even_contacts(prior: Prior, count: int, seed: int) -> tuple[Floats, Floats, Floats, Floats]:

@@ -23,6 +23,7 @@ def log_density(
     sample: Floats,
     influence: Floats,
     variance: Floats | None = None,
+    shared: Floats | None = None,
     negligible: float = NEGLIGIBLE,
 ) -> Floats:
     """Return log densities (draws, grid) of places, up to a constant per draw, with the force integrated out.
@@ -33,17 +34,39 @@ def log_density(
     whitening : (draws, channels, channels) in 1/mm, or (draws, channels) its diagonal, where errors are independent
     sample : (draws, channels), whitened
     influence : (draws or 1, grid, channels) in mm/N at the places of a grid
-    variance : of the influence by the mounting of the sensors, in the same shape; None: their places are exact
+    variance : of the influence by mounting or interpolation, in the same shape; None: it is exact
+    shared : (channels, sources) loadings of that variance, as of `Prior`
     negligible : difference to the largest log density beyond which it need not be exact
     """
     shapes, samples = _weighed(whitening, influence), sample[:, :, None]
     if variance is None:
         return _fitted(forces, shapes, samples, 0.0, negligible)
     # The likeliest force at a place says how much the mounting adds to each channel's variance there. Of W D W',
-    # with the mounting's variances D, only the diagonal is taken: exact where the errors of channels are independent.
-    force = _likeliest(forces, shapes, samples)
-    wider = np.sqrt(1 + force[:, None, :] ** 2 * _weighed(whitening**2, variance))
-    return _fitted(forces, shapes / wider, samples / wider, np.log(wider).sum(axis=1), negligible)
+    # with the mounting's own variances D, only the diagonal is taken: exact where the errors of channels are
+    # independent.
+    force = _likeliest(forces, shapes, samples)[:, None, :]
+    own = variance if shared is None else variance * (1 - (shared**2).sum(axis=1))
+    wider = np.sqrt(1 + force**2 * _weighed(whitening**2, own))
+    shapes, samples, log_volume = shapes / wider, samples / wider, np.log(wider).sum(axis=1)
+    loadings = [] if shared is None else list(shared.T)
+    sources = [force * _weighed(whitening, np.sqrt(variance) * loading) / wider for loading in loadings]
+    while sources:
+        source, *others = sources
+        square = (source**2).sum(axis=1, keepdims=True)
+        shapes, samples, *sources = (_without_source(vectors, source, square) for vectors in (shapes, samples, *others))
+        log_volume = log_volume + np.log1p(square[:, 0]) / 2
+    return _fitted(forces, shapes, samples, log_volume, negligible)
+
+
+def _without_source(vectors: Floats, source: Floats, square: Floats) -> Floats:
+    """Return vectors (draws, channels, grid) in deviations to which a source of errors has been added.
+
+    It is (I + c c')^-1/2 of each, with the source c, in its shape, and the square of its length (draws, 1, grid).
+    """
+    root = np.sqrt(1 + square)
+    along = (source * vectors).sum(axis=1, keepdims=True)
+    left: Floats = vectors - source * (along / (root * (1 + root)))
+    return left
 
 
 def _weighed(weights: Floats, values: Floats) -> Floats:

@@ -65,10 +65,9 @@ def compare_limits(prior: Prior, others: Sequence[Prior], draws: int, seed: int)
     All share at least `draws` contacts with their noise, so that their ratios scatter far less than the limits do.
     """
     place, force, noise, weight = even_contacts(prior, draws, seed)
-    errors = []
-    for compared in (prior, *others):
-        clean, deviation = compared.sampled(place, force)
-        errors.append(_errors_percent(compared, clean + deviation * noise, weight))
+    errors = [
+        _errors_percent(compared, compared.with_errors(place, force, noise), weight) for compared in (prior, *others)
+    ]
     return [ComparedLimit(mean_of(error_percent), ratio_of(error_percent, errors[0])) for error_percent in errors[1:]]
 
 

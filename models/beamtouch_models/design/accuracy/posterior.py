@@ -74,7 +74,7 @@ class _WhitenedSamples:
 def _log_density(prior: Prior, seen: _WhitenedSamples, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
     variance = None if prior.variance_table is None else prior.variance_table(grids[..., None])
-    return log_density(forces, seen.whitening, seen.sample, influence, variance)
+    return log_density(forces, seen.whitening, seen.sample, influence, variance, prior.shared)
 
 
 def _resolved(

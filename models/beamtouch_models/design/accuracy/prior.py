@@ -109,6 +109,8 @@ class Prior:
     variance_at: Callable[[Floats], Floats] | None = None
     """From places (places, axes) to the variance of the influence (places, channels) in (mm/N)^2 that the mounting of
     the sensors and the interpolation of a table leave; None: it is exact."""
+    shared: Floats | None = None
+    """(channels, sources) loadings of that variance, see `Interpolation`; None: channels err independently."""
     measured: Callable[[Floats], Floats] = _as_it_is
     """From deflections (samples, channels) that are linear in the force to measured deflections."""
 
@@ -126,6 +128,7 @@ class Prior:
             variance_at=partial(influence.variance, at_mm, tolerance_mm=mounting_mm)
             if influence.is_uncertain(mounting_mm)
             else None,
+            shared=influence.shared(at_mm),
         )
 
     def sampled(self, place_mm: Floats, force_n: Floats) -> tuple[Floats, Floats]:
@@ -139,9 +142,37 @@ class Prior:
 
     def draw(self, place_mm: Floats, force_n: Floats, rng: np.random.Generator) -> Floats:
         """Return samples of contacts with all their errors, (contacts, channels) in mm; arguments as `sampled`."""
+        return self.with_errors(place_mm, force_n, rng.normal(size=(len(place_mm), self.channels)))
+
+    def with_errors(self, place_mm: Floats, force_n: Floats, normal: Floats) -> Floats:
+        """Return the samples of `draw` for independent errors of variance 1, `normal` (contacts, channels)."""
         clean, deviation = self.sampled(place_mm, force_n)
-        samples: Floats = clean + rng.normal(size=clean.shape) * deviation
-        return samples
+        if self.variance_at is None or self.shared is None:
+            return np.asarray(clean + normal * deviation)
+        moved_mm = self._moved_mm(place_mm, force_n)
+        covariance = moved_mm[:, :, None] * self._correlation * moved_mm[:, None, :]
+        each = np.arange(self.channels)
+        covariance[:, each, each] = deviation**2
+        return np.asarray(clean + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), normal))
+
+    def moved(self, place_mm: Floats, force_n: Floats, normal: Floats) -> Floats:
+        """Return what mounting and interpolation add to deflections of contacts, arguments as `with_errors`."""
+        moved_mm = self._moved_mm(place_mm, force_n)
+        return moved_mm * (normal if self.shared is None else normal @ np.linalg.cholesky(self._correlation).T)
+
+    def _moved_mm(self, place_mm: Floats, force_n: Floats) -> Floats:
+        """Return the standard deviation (contacts, channels) that mounting and interpolation leave."""
+        if self.variance_at is None:
+            return np.zeros((len(place_mm), self.channels))
+        return np.asarray(force_n[:, None] * np.sqrt(self.variance_at(place_mm)))
+
+    @property
+    def _correlation(self) -> Floats:
+        """(channels, channels) of what mounting and interpolation leave."""
+        loadings = np.zeros((self.channels, 0)) if self.shared is None else self.shared
+        correlation: Floats = loadings @ loadings.T
+        correlation[np.diag_indices(self.channels)] = 1.0
+        return correlation
 
     @property
     def rest_mm(self) -> Floats:
@@ -168,7 +199,7 @@ class Prior:
 
     def with_noise_alone(self, noise_mm: float) -> Self:
         """Return the prior of samples whose only error is a noise."""
-        return replace(self, errors=Errors(noise_mm), variance_at=None)
+        return replace(self, errors=Errors(noise_mm), variance_at=None, shared=None)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -220,6 +251,7 @@ class Prior:
             errors=self.errors.take(working, self.channels),
             influence_at=partial(_columns, self.influence_at, working),
             variance_at=None if self.variance_at is None else partial(_columns, self.variance_at, working),
+            shared=None if self.shared is None else self.shared[working],
         )
 
 

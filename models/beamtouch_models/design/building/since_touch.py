@@ -66,7 +66,7 @@ class Touches:
         shown = world.under(as_stated(drawn.place_mm), drawn.force_n)
         gain, zero_mm, mounting = rng.normal(size=(3, *shown.shape))
         if prior.variance_at is not None:
-            shown = shown + mounting * drawn.force_n[:, None] * np.sqrt(prior.variance_at(drawn.place_mm))
+            shown = shown + prior.moved(drawn.place_mm, drawn.force_n, mounting)
         perfect = SensorErrors.none(*shown.shape)
         errors = replace(perfect, gain=1 + gain * prior.errors.gain, zero_mm=zero_mm * prior.errors.zero_mm)
         return cls(prior, world, drawn, shown, errors)

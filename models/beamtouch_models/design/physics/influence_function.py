@@ -41,6 +41,10 @@ class Interpolation:
     """The power of that distance with which the deviation falls; NaN if that is not known."""
     repeats: Callable[[Floats, Floats], Floats] | None = None
     """Like `deviation_at`: how far the influence differs when a load is put on anew; None: it repeats."""
+    shared_at: Callable[[Floats], Floats] | None = None
+    """From places of sensors (sensors, axes) to the loadings (sensors, sources) of what both leave open: the share of
+    its standard deviation by which a sensor follows each of a few independent sources that all have in common. None:
+    sensors err independently."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -167,6 +171,16 @@ class InfluenceFunction:
         """Return the variance of the influence, (loads, sensors) in (mm/N)^2; arguments as `deviation`."""
         variance: Floats = (self.deviation(sensor_mm, load_mm, tolerance_mm) ** 2).sum(axis=2)
         return variance
+
+    def shared(self, sensor_mm: Floats) -> Floats | None:
+        """Return the loadings (sensors, sources) of what a table leaves open, as `Interpolation` has them; None: none.
+
+        They are of the whole `variance`: sensors that were measured have no tolerance of their places.
+        """
+        if self.interpolation is None or self.interpolation.shared_at is None:
+            return None
+        loadings = self.interpolation.shared_at(np.reshape(sensor_mm, (-1, len(self.size_mm))))
+        return loadings if loadings.shape[1] else None
 
 
 def _is_even(load: Floats, diagonal_mm: float) -> bool:

@@ -14,6 +14,7 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.physics.characteristic_fit import Characteristic, mean_at_places
 from beamtouch_models.design.physics.influence_function import InfluenceFunction, Interpolation, even_loads_mm
 from beamtouch_models.design.physics.place_table import PlaceTable
+from beamtouch_models.design.physics.shared_errors import loadings_of
 from beamtouch_models.design.physics.smooth_fit import SmoothFit
 from beamtouch_models.design.physics.table_doubts import FittedAt, find_fault
 from beamtouch_models.design.physics.theory_fit import KnownLoads, Theory, TheoryFit
@@ -58,6 +59,8 @@ class MeasuredStructure:
     """Largest distance of a load from the next one; on one axis, to either side."""
     shares: Floats
     """(sensors,) part of the influence by which it differs from load to load as well."""
+    loadings: Floats
+    """(sensors, sources) of what the fit and the repeatability leave open, see `loadings_of`."""
     characteristics: tuple[Characteristic, ...] = ()
     """Of the sensors, if they are curved; the influence is that of straightened deflections."""
     scale: float = 1.0
@@ -117,6 +120,11 @@ class MeasuredStructure:
         """Return the variance (loads, sensors) of the influence, of both; places (..., axes) in mm."""
         variance: Floats = self.deviation(sensor_mm, load_mm) ** 2 + self.scatter(sensor_mm, load_mm) ** 2
         return variance
+
+    def shared(self, sensor_mm: Floats) -> Floats:
+        """Return the loadings (places, sources) of the sensors at places."""
+        shared: Floats = self.loadings[self.nearest(sensor_mm)]
+        return shared
 
     def steepest(self, contacts_mm: Ranges, force_n: tuple[float, float]) -> float:
         """Return the factor by which errors of curved sensors grow when these are straightened, 1 for straight ones.
@@ -216,6 +224,7 @@ def _structure(
         fit,
         _spacing_mm(loads.place_mm),
         shares,
+        loadings_of(fit.correlation),
         characteristics,
     )
 
@@ -260,6 +269,7 @@ def _structure_by_theory(
         fit,
         float(np.diff(theory.position_mm).max()),
         np.zeros(len(names)),
+        np.zeros((len(names), 0)),
         fit.gains.characteristics,
     )
 
@@ -292,6 +302,8 @@ def measured_influence_of(scene: Scene) -> InfluenceFunction:
     structure, contact = measured_structure_of(scene), scene.contact
     loads_mm = even_loads_mm(contact.ranges_mm, structure.size_mm)
     largest = float(np.abs(structure.influence(structure.sensor_mm, loads_mm)).max())
-    left = Interpolation(structure.deviation, structure.spacing_mm, repeats=structure.scatter)
+    left = Interpolation(
+        structure.deviation, structure.spacing_mm, repeats=structure.scatter, shared_at=structure.shared
+    )
     size_mm = structure.length_mm if structure.axes == 1 else structure.size_mm
     return InfluenceFunction(size_mm, loads_mm, contact.force_range_n, structure.influence, largest, left)

@@ -2,7 +2,8 @@
 
 A Gaussian process with Matern kernels (Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, chapters 2
 and 4). All columns of values, the sensors of one structure, share smoothness, length scale and noise over amplitude;
-each has an amplitude of its own. None of these is chosen: each combination of a grid counts by the probability of the
+each has an amplitude of its own, and they are correlated (Bonilla, Chai & Williams, Multi-task Gaussian process
+prediction, 2007). None of these is chosen: each combination of a grid counts by the probability of the
 values under it (sec. 5.2), so that few values do not pretend to know them.
 """
 
@@ -105,7 +106,8 @@ class SmoothFit:
             towards, process = one.covariance(places, part.place), part.process(one)
             left = solve_triangular(process.factor, towards.T, lower=True, check_finite=False)
             variances, shapes = np.linalg.eigh(one.covariance(places, places) - left.T @ left)
-            normal = rng.normal(size=(len(place_mm), len(part.columns))) * np.sqrt(process.square)
+            independent = rng.normal(size=(len(place_mm), len(part.columns)))
+            normal = independent @ np.linalg.cholesky(process.correlation).T * np.sqrt(process.square)
             drawn[:, part.columns] = towards @ process.solved + shapes @ (
                 np.sqrt(np.maximum(variances, 0.0))[:, None] * normal
             )
@@ -118,6 +120,17 @@ class SmoothFit:
         for weight, one, part in self._parts():
             variance[part.columns] += weight * one.proportional * part.process(one).square
         return np.sqrt(variance) * self.scale
+
+    @cached_property
+    def correlation(self) -> Floats:
+        """(columns, columns) of what is not known of the values, between places and from load to load."""
+        correlation = np.eye(len(self.scale))
+        for part in self.measured:
+            together = zip(self.weights.tolist(), self.combinations, strict=True)
+            correlation[np.ix_(part.columns, part.columns)] = sum(
+                weight * part.process(one).correlation for weight, one in together
+            )
+        return correlation
 
     def scatter_under(self, force_n: float) -> Floats:
         """Return the standard deviation (columns,) of a value that is measured with a force, about the function."""

@@ -65,8 +65,10 @@ class Process:
     """(places, columns) inverse covariance times values."""
     square: Floats
     """(columns,) variance of the amplitude."""
+    correlation: Floats
+    """(columns, columns) of what the process leaves unknown, which is the same at all places."""
     log_probability: float
-    """Of the values; their amplitudes are integrated over, with a prior of 1 / amplitude."""
+    """Of the values; amplitudes and correlations are integrated over."""
 
 
 class Means(NamedTuple):
@@ -77,7 +79,7 @@ class Means(NamedTuple):
     variance: Floats
     """(places,) of the means."""
     within: Floats
-    """(columns,) sum of the squares of the values about their means, over their variance."""
+    """(columns, columns) sum of the products of the values about their means, over their variance."""
     log_variances: float
     """Logarithm of the product of the variances of the values, over those of the means."""
 
@@ -137,7 +139,7 @@ class Measured:
         weighted = self.values / variances[:, None]
         mean = np.stack([np.bincount(self.place_of, one, count) for one in weighted.T], axis=1) / total[:, None]
         off = self.values - mean[self.place_of]
-        within = (off**2 / variances[:, None]).sum(axis=0)
+        within = off.T @ (off / variances[:, None])
         return Means(mean, 1 / total, within, float(np.log(variances).sum() + np.log(total).sum()))
 
     def process(self, smoothness: Smoothness) -> Process:
@@ -150,13 +152,15 @@ class Measured:
         covariance[np.diag_indices_from(covariance)] += square * means.variance
         factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
         solved = cho_solve((factor, True), means.mean, check_finite=False)
-        squares = (means.mean * solved).sum(axis=0) + means.within / square
+        products = means.mean.T @ solved + means.within / square
         values, columns = self.values.shape
+        squares, correlation = _correlation_of(products, values)
         log_determinant = (
             2 * np.log(np.diag(factor)).sum() + means.log_variances + (values - len(self.place)) * math.log(square)
         )
-        log_probability = -columns / 2 * log_determinant - values / 2 * np.log(squares).sum()
-        return Process(factor, solved, squares / max(values - 2, 1), float(log_probability))
+        log_volume = np.log(squares).sum() + np.linalg.slogdet(correlation)[1]
+        log_probability = -columns / 2 * log_determinant - values / 2 * log_volume
+        return Process(factor, solved, squares / max(values - 2, 1), correlation, float(log_probability))
 
     def left_out(self, smoothness: Smoothness) -> Floats:
         """Return each value (values, columns) less what the others say, over its deviation (eq. 5.12)."""
@@ -174,6 +178,19 @@ class Measured:
         """Return the variance (values,) of each value, whose scatter is 1."""
         variances: Floats = (1 + additive * self.weight) / (1 + additive)
         return variances
+
+
+def _correlation_of(products: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return the diagonal (columns,) of products (columns, columns) of `count` values, and their correlation.
+
+    Few values correlate by chance: the correlation counts as if as many more as there are columns, and one, had none.
+    """
+    squares, columns = np.diag(products), len(products)
+    deviation = np.sqrt(squares)
+    correlation = products / deviation / deviation[:, None]
+    correlation *= count / (count + columns + 1)
+    correlation[np.diag_indices(columns)] = 1.0
+    return squares, correlation
 
 
 def measured_together(place: Floats, values: Floats, weight: Floats) -> tuple[Measured, ...]:

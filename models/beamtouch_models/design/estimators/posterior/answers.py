@@ -10,6 +10,10 @@ position range have width w_i, share s_i of the range, and influence g_i at thei
     p_i ~ s_i m_i exp(-R_i)                    C_i = p_1 + .. + p_(i-1)       posterior over the cells
     x_q = x_0 + sum_i w_i clip((q - C_i) / p_i, 0, 1)                         quantiles, linear within a cell
 
+*Uncertain influence.* Of a sensor whose place or table is not exact, y and H are divided by the deviation that this
+adds at the best force. Then each source of errors that sensors share takes its direction out of both: with c, by how
+much it moves y, they become (I + c c')^-1/2 y and (I + c c')^-1/2 H, in the same way the sources that follow.
+
 *Force.* Its prior is even over the range of the scene, which may be as narrow as one force, with a hundredth of the
 mass in tails from 0 to 10 times the largest force (`accuracy.prior`). A force beyond the range gets its true place.
 
@@ -115,27 +119,62 @@ def whitened(graph: Graph, largest_mm: float) -> Whitened:
     return Whitened(bounded, sample, whitening)
 
 
-def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, variance: str | None) -> Scored:
+def scored(graph: Graph, seen: Whitened, prior: Prior, influence: str, variance: str | None) -> Scored:
     """Return the misfit of the best force of each cell.
 
-    `influence` is (channels, N) or (batch, channels, N) in mm/N, and `variance` that by the mounting.
+    `influence` is (channels, N) or (batch, channels, N) in mm/N, and `variance` that by mounting and interpolation.
     """
+    largest_n, shared = prior.force_n[1], prior.shared
     sample, shape = seen.sample, graph.apply("MatMul", seen.whitening, influence)
     if variance is None:
         return Scored(sample, sample, shape, *_fitted(graph, sample, shape, largest_n), None)
     # The likeliest force says how much the mounting of the sensors adds to the variance of each channel.
     _, force, _ = _fitted(graph, sample, shape, largest_n)
-    wider = widening(graph, force, variance)
-    shape = graph.apply("Div", shape, wider)
-    own = graph.apply("Div", sample, wider)
-    fitted = _fitted(graph, own, shape, largest_n, own=True)
-    return Scored(sample, own, shape, *fitted, graph.apply("ReduceProd", wider, axes=[1], keepdims=1))
+    own_variance = variance
+    if shared is not None:
+        own_variance = graph.apply("Mul", variance, graph.constant(1 - (shared**2).sum(axis=1)[:, None]))
+    wider = widening(graph, force, own_variance)
+    vectors = [graph.apply("Div", vector, wider) for vector in (shape, sample)]
+    volume = graph.apply("ReduceProd", wider, axes=[1], keepdims=1)
+    if shared is not None:
+        sources = _sources(graph, force, variance, shared)
+        vectors += [graph.apply("Div", source, wider) for source in sources]
+        for _ in sources:
+            root, vectors = _without_source(graph, vectors)
+            volume = graph.apply("Mul", volume, root)
+    shape, own = vectors
+    return Scored(sample, own, shape, *_fitted(graph, own, shape, largest_n, own=True), volume)
+
+
+def _sources(graph: Graph, force: str, variance: str, shared: Floats) -> list[str]:
+    """Return the errors by which each source moves the whitened sample, (batch, channels, N)."""
+    moved = graph.apply("Mul", force, graph.apply("Sqrt", variance))
+    return [
+        graph.apply("MatMul", INPUTS[1], graph.apply("Mul", moved, graph.constant(loading[:, None])))
+        for loading in shared.T
+    ]
+
+
+def _without_source(graph: Graph, vectors: list[str]) -> tuple[str, list[str]]:
+    """Return (1 + c'c)^1/2, and (I + c c')^-1/2 of all vectors but the last one, which is the source c."""
+    *others, source = vectors
+    one, axes = graph.constant(1.0), graph.ints(1)
+    square = graph.apply("ReduceSumSquare", source, axes=[1], keepdims=1)
+    root = graph.apply("Sqrt", graph.apply("Add", square, one))
+    part = graph.apply("Div", source, graph.apply("Mul", root, graph.apply("Add", root, one)))
+
+    def less(vector: str) -> str:
+        along = graph.apply("ReduceSum", graph.apply("Mul", vector, source), axes, keepdims=1)
+        return graph.apply("Sub", vector, graph.apply("Mul", part, along))
+
+    return root, [less(vector) for vector in others]
 
 
 def widening(graph: Graph, force: str, variance: str) -> str:
     """Return the factors by which the mounting of the sensors widens the errors, (batch, channels, N).
 
-    Only the diagonal of its covariance is taken, as in `likelihood.log_density`.
+    Only the diagonal of its covariance is taken, as in `likelihood.log_density`; sources that channels share come
+    behind it.
 
     `force` is (batch, 1, N) or one number, and `variance` as that of `scored`.
     """

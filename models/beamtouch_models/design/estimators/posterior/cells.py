@@ -119,10 +119,10 @@ def cells_of(prior: Prior, count: int, path: InfluencePath | None = None) -> Cel
 
 def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.ModelProto:
     """Return the graph on `count` cells that are the same for every sample."""
-    graph, cells, largest_n = Graph(), cells_of(prior, count), prior.force_n[1]
+    graph, cells = Graph(), cells_of(prior, count)
     variance = None if cells.variance is None else graph.constant(cells.variance.T)
     seen = whitened(graph, prior.largest_mm)
-    fit = scored(graph, seen, largest_n, graph.constant(cells.influence.T), variance)
+    fit = scored(graph, seen, prior, graph.constant(cells.influence.T), variance)
     least, misfit = lowest_of(graph, likely_misfit(graph, prior.force_range, fit))
     if not prior.force_range.is_open:
         least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2], keepdims=1)

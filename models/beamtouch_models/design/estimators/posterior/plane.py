@@ -98,7 +98,7 @@ def plane_graph(prior: Prior, *, with_force: bool, finest: Prior) -> onnx.ModelP
     middles = prior.extent.middles(PARTS)
     variance = None if prior.variance_table is None else graph.constant(prior.variance_table(middles).T)
     influence = graph.constant(prior.influence_within_noise(middles).T)
-    found = scored(graph, seen, prior.force_n[1], influence, variance)
+    found = scored(graph, seen, prior, influence, variance)
     _state_odds(graph, found)
     weighed = _weigh(graph, prior, found)
     box = _Box((graph.constant([[0.0]]),) * 2, (graph.constant([[1 / PARTS]]),) * 2)
@@ -183,8 +183,8 @@ def _scored_in(graph: Graph, prior: Prior, seen: Whitened, box: _Box, table: str
     every = graph.apply("Reshape", between(below, above, at_y), graph.ints(0, PARTS**2, -1))
     every = graph.apply("Transpose", every, perm=[0, 2, 1])
     if prior.variance_table is None:
-        return scored(graph, seen, prior.force_n[1], every, None)
-    return scored(graph, seen, prior.force_n[1], *graph.split(every, 2, 1))
+        return scored(graph, seen, prior, every, None)
+    return scored(graph, seen, prior, *graph.split(every, 2, 1))
 
 
 def _nodes_of(graph: Graph, low: str, step: str, along: int) -> tuple[str, str]:

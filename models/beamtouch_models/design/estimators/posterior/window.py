@@ -132,7 +132,7 @@ def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force:
     rows = graph.constant(every[:-1]), graph.constant(np.diff(every, axis=0))
     edges = _edges(graph, _windows(graph, prior, seen, first(graph, seen), table.steps, rows), table)
     width, influence, variance = _cells(graph, prior, edges, table, rows)
-    fit = scored(graph, seen, prior.force_n[1], influence, variance)
+    fit = scored(graph, seen, prior, influence, variance)
     low, high = prior.extent.range_mm
     share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
     share = graph.apply("Max", share, graph.constant(MIN_MASS))
@@ -165,7 +165,7 @@ def scan(prior: Prior, table: Table) -> FirstStage:
 
     def add(graph: Graph, seen: Whitened) -> tuple[list[str], list[str]]:
         spread = None if ends is None else graph.constant(((ends[0] + ends[1]) / 2).T)
-        fit = scored(graph, seen, prior.force_n[1], graph.constant(middle.T), spread)
+        fit = scored(graph, seen, prior, graph.constant(middle.T), spread)
         any_force = best_two(graph, _unlikeliness(graph, fit, fit.misfit))
         if prior.force_range.is_open:
             return any_force, []
