@@ -1,5 +1,6 @@
 """Files: reads TOML with one-line errors, checks early that one can be written, writes atomically, tells two apart."""
 
+import hashlib
 import os
 import secrets
 import tomllib
@@ -48,6 +49,12 @@ def read_bounded(path: Path) -> bytes:
     if len(content) > MAX_BYTES:
         raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MiB; is it the right file?")
     return content
+
+
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 of a file, as `sha256sum` prints it; OSError if it cannot be read."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def identity_of(path: Path) -> tuple[int, int] | None:

@@ -1,11 +1,13 @@
 """Reads tokens and passwords from files."""
 
+import re
 from pathlib import Path
 
 from beamtouch_common.encodings import SAVE, other_encoding
 from beamtouch_common.errors import FailedError, InputError
 
 MIN_TOKEN_CHARACTERS = 16
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")
 MAX_BYTES = 4096
 """Largest file of a secret; a larger file was given by mistake."""
 NEW_TOKEN = f"write at least {MIN_TOKEN_CHARACTERS} random characters to it, as `openssl rand -hex 32` prints them"
@@ -26,21 +28,66 @@ def read_token(path: Path, remedy: str = NEW_TOKEN) -> str:
     FailedError
         The file cannot be read; it may come later.
     """
+    token = _read_text(path, remedy)
+    if problem := _find_flaw(token):
+        raise InputError(f"token file {path}: {problem}; {remedy}")
+    return token
+
+
+def read_tokens(path: Path, name: str) -> dict[str, str]:
+    """Return the tokens in a file by their names, one a line: `NAME TOKEN`, or a token alone.
+
+    Parameters
+    ----------
+    path : the file
+    name : the name of the only token without one; of several lines, `name-2` is that of the second line
+
+    Raises
+    ------
+    InputError
+        The file holds no usable token, or two lines have the same name or the same token.
+    FailedError
+        The file cannot be read; it may come later.
+    """
+    lines = _read_text(path, NEW_TOKEN).splitlines() or [""]
+    tokens: dict[str, str] = {}
+    for number, line in enumerate(lines, 1):
+        where = f"token file {path}: line {number}: " if len(lines) > 1 else f"token file {path}: "
+        *named, token = line.split() or [""]
+        if len(lines) > 1 and not token:
+            continue
+        own = named[0] if named else f"{name}-{number}" if len(lines) > 1 else name
+        if len(named) > 1 or not _NAME.fullmatch(own):
+            advice = "write a token, or its name, a space and the token; a name has up to 40 letters, digits, . _ and -"
+            raise InputError(f"{where}neither TOKEN nor NAME TOKEN; {advice}")
+        if problem := _find_flaw(token):
+            raise InputError(f"{where}{problem}; {NEW_TOKEN}")
+        if own in tokens or token in tokens.values():
+            what = f"the name {own}" if own in tokens else "the token"
+            raise InputError(f"{where}{what} stands in a line before; each needs its own")
+        tokens[own] = token
+    return tokens
+
+
+def _read_text(path: Path, remedy: str) -> str:
+    """Return the text of a token file, without white space around it; raises what `read_token` raises."""
     content = _read(path, "token", remedy)
-    token = content.decode("utf-8-sig", "replace").strip()
     if len(content) > MAX_BYTES:
-        problem = f"longer than {MAX_BYTES} bytes"
-    elif name := other_encoding(content):
-        problem = f"in {name}; {SAVE}"
-    elif not token:
-        problem = "empty"
-    elif not all("!" <= character <= "~" for character in token):
-        problem = "more than one word of printable ASCII"
-    elif len(token) < MIN_TOKEN_CHARACTERS:
-        problem = f"only {len(token)} character{'s' if len(token) > 1 else ''}"
-    else:
-        return token
-    raise InputError(f"token file {path}: {problem}; {remedy}")
+        raise InputError(f"token file {path}: longer than {MAX_BYTES} bytes; {remedy}")
+    if name := other_encoding(content):
+        raise InputError(f"token file {path}: in {name}; {SAVE}; {remedy}")
+    return content.decode("utf-8-sig", "replace").strip()
+
+
+def _find_flaw(token: str) -> str:
+    """Return why a token cannot be used; empty if it can."""
+    if not token:
+        return "empty"
+    if not all("!" <= character <= "~" for character in token):
+        return "more than one word of printable ASCII"
+    if len(token) < MIN_TOKEN_CHARACTERS:
+        return f"only {len(token)} character{'s' if len(token) > 1 else ''}"
+    return ""
 
 
 def read_password(path: Path) -> str:

@@ -57,6 +57,8 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--write-token-file", metavar="FILE", help=words)
     words = "file with the token required for reads (default: reads need no token)"
     run.add_argument("--read-token-file", metavar="FILE", help=words)
+    words = "file with the token required for administration (default: the write token administrates)"
+    run.add_argument("--admin-token-file", metavar="FILE", help=words)
     run.add_argument("--certificate-file", metavar="FILE", help="PEM certificate for HTTPS; requires --key-file")
     run.add_argument("--key-file", metavar="FILE", help="PEM private key of the certificate")
     words = "limit on the age of a sample that a contact may come from, in ms (default: 500)"
@@ -97,15 +99,19 @@ def _registers(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from beamtouch_common.files import digest_of
     from beamtouch_service.config import load_settings
 
     options = {name: value for name, value in vars(arguments).items() if name not in {"command", "config", "log_level"}}
-    settings = load_settings(Path(arguments.config) if arguments.config else None, options)
+    config = Path(arguments.config) if arguments.config else None
+    settings = load_settings(config, options)
+    given = {name: value for name, value in options.items() if value is not None}
+    origin = {"config_sha256": digest_of(config) if config else None, "options": given}
     # Imported late: without the extra, a wrong config or the missing extra is still reported in one line.
     from beamtouch_service.host import setup
 
     try:
-        setup.run(settings, arguments.log_level)
+        setup.run(settings, origin, arguments.log_level)
     except KeyboardInterrupt:  # the service ended in order; there is nothing to say
         return INTERRUPTED
     return DONE

@@ -5,6 +5,7 @@ the folder of the file.
 """
 
 from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,7 +13,7 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, validate
-from beamtouch_common.secrets import read_token
+from beamtouch_common.secrets import read_tokens
 from beamtouch_service.access import Access
 from beamtouch_service.outputs import OUTPUTS
 from beamtouch_service.outputs.section import OutputSection
@@ -107,17 +108,21 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
 
 
 def read_access(server: ServerSection) -> Access:
-    """Read the tokens.
+    """Read the tokens. One without a name in its file is named after its role.
 
     Raises
     ------
     InputError
-        A file holds no usable token, or two files hold the same one.
+        A file holds no usable token, or two files hold the same token or the same name.
     FailedError
         A file cannot be read; it may come later.
     """
-    write, read = server.write_token_file, server.read_token_file
-    access = Access(read_token(write) if write else None, read_token(read) if read else None)
-    if access.write is not None and access.write == access.read:
-        raise InputError(f"token files {write} and {read} hold the same token; each purpose needs its own token")
-    return access
+    files = {"write": server.write_token_file, "read": server.read_token_file, "admin": server.admin_token_file}
+    tokens = {role: read_tokens(file, role) for role, file in files.items() if file}
+    for first, second in combinations(tokens, 2):
+        which = f"token files {files[first]} and {files[second]} hold the same"
+        if set(tokens[first].values()) & set(tokens[second].values()):
+            raise InputError(f"{which} token; each purpose needs its own token")
+        if names := sorted(tokens[first].keys() & tokens[second].keys()):
+            raise InputError(f"{which} name, {names[0]}; each token needs its own name")
+    return Access(**tokens)

@@ -145,6 +145,9 @@ _EXAMPLE: dict[str, JsonValue] = {
 }
 
 
+TARED_AT = r"^[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}(Z|\+00:00)$"
+
+
 class Batch(BaseModel):
     """Samples of one surface in the order they were taken."""
 
@@ -175,6 +178,8 @@ class Batch(BaseModel):
     """Standard deviation of one reading of each channel, as the sender assumes it. Null: the sender does not say."""
     characteristic: str | None = Field(default=None, pattern=r"^[A-Za-z0-9-]{1,64}$")
     """Identity of the sender's characteristics and rest gaps; it changes with either."""
+    tared_at: str | None = Field(default=None, pattern=TARED_AT)
+    """When the sender's rest gaps were measured, in UTC. Null: never, or the sender does not say."""
     beam: BeamIdentity | None = None
     """Identity of the beam and layout that the sender is configured for. A service whose model is of another beam
     refuses the batch. Null: the sender does not say, and nothing is compared."""

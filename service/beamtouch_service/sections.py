@@ -1,6 +1,7 @@
 """The sections of the configuration but for those of outputs, and the types of keys that all sections share."""
 
 import re
+from ipaddress import ip_network
 from pathlib import Path
 from ssl import SSLContext, SSLError
 from typing import Annotated, Self
@@ -25,9 +26,19 @@ def _from_folder(path: Path, info: ValidationInfo) -> Path:
     return folder / file_path(path)
 
 
+def _network(text: str) -> str:
+    """Return the text of an IP address or a network; ValueError if it is none."""
+    try:
+        ip_network(text)
+    except ValueError:
+        raise ValueError("expected an address such as 10.0.0.5, or a network such as 10.0.0.0/24") from None
+    return text
+
+
 Port = Annotated[int, Field(ge=0, le=65535)]
 Text = Annotated[str, Field(min_length=1)]
 Host = Annotated[Text, AfterValidator(host_name)]
+Network = Annotated[Text, AfterValidator(_network)]
 File = Annotated[Path, Field(strict=False), AfterValidator(_from_folder)]
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
 _DATABASE = re.compile(r"postgresql://([^@/?#\s]*@)?[^@/?#\s]*/[^/?#\s]+(\?\S*)?")
@@ -72,6 +83,9 @@ class ServerSection(Section):
     """File with the token required for writes. Without it, every write is refused."""
     read_token_file: File | None = None
     """File with the token required for reads. Without it, reads need no token."""
+    admin_token_file: File | None = None
+    """File with the token required for administration: commissioning, and the trail of changes. Without it, the write
+    token administrates. A file of any of the three may have several tokens, each in a line `NAME TOKEN`."""
     certificate_file: File | None = None
     """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
     key_file: File | None = None
@@ -79,6 +93,9 @@ class ServerSection(Section):
     proxy: Host | None = None
     """Name or address of the proxy in front of a service that listens beyond loopback. Without one, the service warns:
     by itself it bounds neither the connections of one address nor slow requests."""
+    trusted_proxies: Annotated[list[Network], Field(max_length=32)] = Field(default_factory=list)
+    """Addresses or networks of proxies that are believed what they say of their clients: the user in the header
+    `X-Forwarded-User`, and the address in `X-Forwarded-For`. Both stand in the trail of changes, and open nothing."""
     names: Annotated[list[Host], Field(max_length=32)] = Field(default_factory=list)
     """Names by which clients reach a service without a read token, beside its addresses, `localhost`, the name of its
     machine and names without a dot: that which a proxy passes on, for example. Others are refused, as a page from

@@ -17,6 +17,7 @@ from fastapi.testclient import TestClient
 from beamtouch_models.runtime import ModelFile
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
+from beamtouch_service.callers import TrustedProxies
 from beamtouch_service.record import recorder
 from beamtouch_service.samples import Batch
 from beamtouch_service.sections import EventsSection, SurfaceSection
@@ -25,6 +26,7 @@ from support.surfaces.small_model import ModelOptions, model_of
 
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
+ADMIN_TOKEN = "governing-horse-battery-staple"  # noqa: S105
 PATIENT_S = 60.0
 PATIENT = f"from beamtouch_service.record import recorder; recorder.LOAD_S = {PATIENT_S}"
 """For services in tests: on a starved machine, a batch would come back before what is on record of its boot is read."""
@@ -62,11 +64,15 @@ class Bench:
         *surfaces: Surface,
         token: str | None = TOKEN,
         read_token: str | None = None,
+        admin_token: str | None = None,
+        proxies: Sequence[str] = (),
+        access: Access | None = None,
         events: EventsSection | None = None,
     ) -> None:
         self.now_s = 1000.0
         record = recorder.Recorder(events or EventsSection())
-        self.app = create_app(surfaces, Access(token, read_token), clock=lambda: self.now_s, recorder=record)
+        access, trusted = access or Access.of(token, read_token, admin_token), TrustedProxies(proxies)
+        self.app = create_app(surfaces, access, clock=lambda: self.now_s, recorder=record, proxies=trusted)
         self.started.append(self)
         self.client = TestClient(self.app, raise_server_exceptions=False)
         self.client.portal = self.event_loop

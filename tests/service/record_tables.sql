@@ -1,9 +1,10 @@
--- format 16
+-- format 17
 CREATE TABLE beamtouch_format (
     format INTEGER NOT NULL
 );
 CREATE INDEX by_boot ON events (surface, boot_id);
 CREATE INDEX by_record ON events (recorded_s);
+CREATE INDEX by_subject ON trail (action, surface, subject, number);
 CREATE INDEX by_surface ON events (surface, touched_us, id);
 CREATE INDEX by_time ON events (touched_us, id);
 CREATE TABLE commissionings (
@@ -86,5 +87,21 @@ CREATE INDEX ix_deliveries_event ON deliveries (event);
 CREATE TABLE sqlite_sequence(name,seq);
 CREATE TABLE time (
     passed_s DOUBLE NOT NULL,
-    clock_s DOUBLE
+    clock_s DOUBLE,
+    deleted_old BIGINT NOT NULL,
+    deleted_oversize BIGINT NOT NULL,
+    told_s DOUBLE
+);
+CREATE TABLE trail (
+    number INTEGER NOT NULL,
+    at_us BIGINT NOT NULL,
+    action VARCHAR(20) NOT NULL,
+    details VARCHAR NOT NULL,
+    surface VARCHAR NOT NULL,
+    subject VARCHAR NOT NULL,
+    "by" VARCHAR NOT NULL,
+    token VARCHAR NOT NULL,
+    address VARCHAR NOT NULL,
+    digest VARCHAR NOT NULL,
+    PRIMARY KEY (number)
 );

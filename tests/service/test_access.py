@@ -8,7 +8,7 @@ import pytest
 from fastapi.routing import iter_route_contexts
 
 import beamtouch_service
-from service.bench import READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of, surface_with
+from service.bench import ADMIN_TOKEN, READ_TOKEN, TOKEN, Bench, batch_of, kind, surface_of, surface_with
 
 FOLDER = Path(beamtouch_service.__file__).with_name("page")
 PAGE = {"/" if path.name == "index.html" else f"/{path.name}" for path in FOLDER.iterdir()}
@@ -55,11 +55,14 @@ def test_nothing_but_the_whole_token_opens_a_route(guarded: Bench, token: str | 
     assert guarded.get("/surfaces/press-7", token=TOKEN).json()["samples"]["accepted"] == 1
 
 
-@pytest.mark.parametrize("has_read_token", [False, True])
-def test_every_route_takes_the_tokens_that_its_description_names(has_read_token: bool) -> None:
-    bench = Bench(surface_with(None), read_token=READ_TOKEN if has_read_token else None)
+@pytest.mark.parametrize(("has_read_token", "has_admin_token"), [(False, False), (True, False), (True, True)])
+def test_every_route_takes_the_tokens_that_its_description_names(has_read_token: bool, has_admin_token: bool) -> None:
+    admin_token = ADMIN_TOKEN if has_admin_token else None
+    read_token = READ_TOKEN if has_read_token else None
+    bench = Bench(surface_with(None), read_token=read_token, admin_token=admin_token)
     description = bench.get("/openapi.json", token=TOKEN).json()
     tokens = {"read_token": READ_TOKEN, "write_token": TOKEN} if has_read_token else {"write_token": TOKEN}
+    tokens |= {"admin_token": ADMIN_TOKEN} if has_admin_token else {}
     for path, operations in description["paths"].items():
         for method, operation in operations.items():
             if path.endswith("stream"):

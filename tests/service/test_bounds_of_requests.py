@@ -237,7 +237,7 @@ NO_SCHEME = "Send the header `Authorization: Bearer TOKEN` with a token of the s
 def test_a_token_opens_what_its_role_may_and_what_is_wrong_is_said(
     role: Role, given: str | None, detail: str | None
 ) -> None:
-    access = Access(TOKEN, READ_TOKEN)
+    access = Access.of(TOKEN, READ_TOKEN)
     authorization = None if given is None else given.encode()
     if detail is None:
         access.require(role, authorization)

@@ -9,6 +9,7 @@ from beamtouch_models.runtime import State
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.report import PlaceResult, Report, SensorResult
 from beamtouch_service.commissioning.verdict import advise_places, judge_place
+from beamtouch_service.record import Action, Entry
 from beamtouch_service.record.reading.readers import Reader
 from beamtouch_service.record.writing.retention import Retention
 from beamtouch_service.record.writing.transactions import Transactions
@@ -82,8 +83,10 @@ def test_each_result_is_on_record_once_and_the_newest_of_each_surface_are_kept(
         for name in ("left", "right")
         for number in range(results.MAX_KEPT + 2)
     ]
-    numbers = [results.add(transactions, f"run-{index}", report) for index, report in enumerate(reports)]
-    assert results.add(transactions, f"run-{len(reports) - 1}", reports[-1]) == numbers[-1]
+    entries = [Entry(0, Action.COMMISSIONING, "{}", "left", f"run-{index}") for index in range(len(reports))]
+    runs = [(f"run-{index}", report, entries[index]) for index, report in enumerate(reports)]
+    numbers = [results.add(transactions, *run) for run in runs]
+    assert results.add(transactions, *runs[-1]) == numbers[-1]
     Retention(EventsSection()).tidy(transactions.database, 1e12, 1e12)
     if transactions.is_lasting:
         transactions.close()

@@ -27,7 +27,7 @@ def test_with_nothing_it_listens_on_loopback_and_has_no_surface() -> None:
     assert (settings.server.host, settings.server.port, settings.surfaces) == ("127.0.0.1", 8420, {})
     assert (settings.server.max_streams, settings.events, settings.outputs) == (32, EventsSection(), ())
     assert (settings.events.file, settings.events.keep_days, settings.events.largest_mb) == (None, 30, 100)
-    assert read_access(settings.server).write is None
+    assert read_access(settings.server).write == {}
 
 
 def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
@@ -50,7 +50,8 @@ def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
         ("c", None, 500, 2.5),
     ]
     access = read_access(settings.server)
-    assert (access.write, access.read) == ("correct-horse-battery", "another-horse-battery")
+    assert access.write == {"write": "correct-horse-battery"}
+    assert (access.read, access.admin) == ({"read": "another-horse-battery"}, {})
     assert "horse" not in repr(settings) + repr(access)
 
 
@@ -89,7 +90,8 @@ def test_only_a_number_is_a_number() -> None:
 def test_the_example_is_a_config_and_shows_the_modbus_server_as_it_is_by_default(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("correct-horse-battery\n")
     settings = load(tmp_path, EXAMPLE.read_text())
-    assert (list(settings.surfaces), read_access(settings.server).write) == (["press-7"], "correct-horse-battery")
+    assert list(settings.surfaces) == ["press-7"]
+    assert read_access(settings.server).write == {"write": "correct-horse-battery"}
     _, _, section = EXAMPLE.read_text().partition("# [modbus_server]")
     shown = section.partition("\n\n")[0].replace("\n# ", "\n")
     (by_default,) = load(tmp_path, f"[modbus_server] # {shown}\n").outputs

@@ -1,5 +1,6 @@
 """Which events and cursors go at a look after the limits of a record, at the bounds of age, share and size."""
 
+import json
 from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
@@ -9,6 +10,8 @@ from sqlalchemy import func, insert, select
 
 from beamtouch_service.record.database.tables import CURSORS, EVENTS
 from beamtouch_service.record.events.event import Begin, End, Event, EventKind
+from beamtouch_service.record.trail.entry import Action
+from beamtouch_service.record.trail.table import TRAIL
 from beamtouch_service.record.writing.retention import Deleted, Retention
 from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
@@ -71,7 +74,7 @@ def test_an_event_goes_once_it_is_older_than_the_limit(transactions: Transaction
 def test_at_a_look_a_twentieth_of_the_events_goes_and_at_least_a_hundred(
     transactions: Transactions, caplog: pytest.LogCaptureFixture, count: int, parts: list[int]
 ) -> None:
-    caplog.set_level("INFO", "beamtouch_service")
+    caplog.set_level("INFO", "beamtouch_service.record.writing")
     limited = Limited(transactions)
     limited.put(count)
     assert [limited.look(DAY_S + 1 + number).old for number in range(len(parts))] == parts
@@ -84,7 +87,7 @@ def test_at_a_look_a_twentieth_of_the_events_goes_and_at_least_a_hundred(
 def test_that_all_old_events_are_gone_is_no_warning(
     transactions: Transactions, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("INFO", "beamtouch_service")
+    caplog.set_level("INFO", "beamtouch_service.record.writing")
     limited = Limited(transactions, keep_days=1.5)
     limited.put(3)
     assert limited.look(1.5 * DAY_S + 1) == Deleted(3, are_more_old=False, oversize=0)
@@ -137,3 +140,38 @@ def test_the_cursor_of_a_boot_without_events_goes_after_a_day_unless_it_is_held(
         assert limited.boots == before
     limited.look(after_s + 1, *held)
     assert limited.boots == [("press-7", "boot-0001"), ("press-7", "boot-held")]
+
+
+def told(limited: Limited) -> list[dict[str, Any]]:
+    """Return what the trail says of deleted events, oldest first."""
+    with limited.database.reading() as connection:
+        rows = connection.execute(select(TRAIL.c.details).where(TRAIL.c.action == Action.DELETION))
+        details = [json.loads(row.details) for row in rows]
+    return [{name: one[name] for name in ("too_old", "beyond_max_mb")} for one in details]
+
+
+@pytest.mark.promise("docs/reference/trail.md", "once a day")
+def test_the_trail_tells_once_a_day_how_many_events_were_deleted_and_forgets_none(transactions: Transactions) -> None:
+    limited = Limited(transactions)
+    limited.put(250)
+    deleted = [limited.look(DAY_S + 1).old]
+    assert told(limited) == [{"too_old": 100, "beyond_max_mb": 0}]
+    deleted += [limited.look(DAY_S + 61).old, limited.look(DAY_S + 121).old]
+    assert len(told(limited)) == 1
+    # Another service goes on with the count; and it may be killed.
+    limited.retention = Retention(EventsSection(keep_days=1.0))
+    limited.look(DAY_S + 181)
+    limited.put(3, recorded_s=DAY_S + 181)
+    for day in (2.1, 3.2, 4.3):
+        deleted.append(limited.look(day * DAY_S).old)
+    assert sum(deleted) == 253
+    assert told(limited) == [{"too_old": number, "beyond_max_mb": 0} for number in (100, 153)]
+
+
+def test_the_trail_stays_when_the_record_is_beyond_its_size(transactions: Transactions) -> None:
+    limited = Limited(transactions, keep_days=30.0, max_mb=1.0)
+    limited.put(60, path_bytes=40_000)
+    first = limited.look(60.0).oversize
+    limited.put(60, recorded_s=60.0, path_bytes=40_000)
+    second = limited.look(2 * DAY_S).oversize
+    assert told(limited) == [{"too_old": 0, "beyond_max_mb": number} for number in (first, second)]

@@ -28,7 +28,7 @@ class Changing(Surface):
 @pytest.mark.promise("docs/how-to/opcua.md", "the server begins anew with its variables")
 def test_a_surface_that_gets_other_axes_gets_their_variables() -> None:
     port, surface = free_port(), Changing("press-7")
-    bench, output = Bench(surface), make(OpcUaSection(port=port), ["press-7"], Access(None))
+    bench, output = Bench(surface), make(OpcUaSection(port=port), ["press-7"], Access())
 
     async def status_of(name: str) -> str:
         async with Client(f"opc.tcp://127.0.0.1:{port}/", timeout=TIMEOUT_S) as client:

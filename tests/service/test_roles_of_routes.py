@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from service.bench import READ_TOKEN, TOKEN, Bench, kind, surface_of
+from service.bench import ADMIN_TOKEN, READ_TOKEN, TOKEN, Bench, kind, surface_of
 
 FILES = (
     *(
@@ -35,6 +35,7 @@ NEEDS = {
     "GET /openapi.json": "read",
     "GET /contact": "read",
     "GET /stream": "read",
+    "GET /audit": "admin",
     "GET /events": "read",
     "GET /events/{id}": "read",
     "GET /surfaces": "read",
@@ -47,14 +48,14 @@ NEEDS = {
     "GET /surfaces/{name}/contact": "read",
     "GET /surfaces/{name}/model": "read",
     "GET /surfaces/{name}/stream": "read",
-    "POST /surfaces/{name}/commissioning": "write",
-    "POST /surfaces/{name}/commissioning/abandon": "write",
-    "POST /surfaces/{name}/commissioning/confirm": "write",
-    "POST /surfaces/{name}/commissioning/skip": "write",
+    "POST /surfaces/{name}/commissioning": "admin",
+    "POST /surfaces/{name}/commissioning/abandon": "admin",
+    "POST /surfaces/{name}/commissioning/confirm": "admin",
+    "POST /surfaces/{name}/commissioning/skip": "admin",
     "POST /surfaces/{name}/samples": "write",
 }
-"""Method and path of each route -> the least token that it takes. The write token reads, too."""
-WRITES = [route for route, needs in NEEDS.items() if needs == "write"]
+"""Method and path of each route -> the least token that it takes. Each token also does what those before it do."""
+WRITES = [route for route, needs in NEEDS.items() if needs in ("write", "admin")]
 QUERY = "run=c&step=0&by=Ann"
 """What some routes need beside a token; others pass over it."""
 
@@ -75,8 +76,8 @@ def outcome(bench: Bench, method: str, path: str, token: str | None) -> str:
     return {401: "refused", 403: "forbidden"}.get(answer.status_code, "passed")
 
 
-def make_bench(token: str | None, read_token: str | None) -> Bench:
-    bench = Bench(surface_of(), token=token, read_token=read_token)
+def make_bench(token: str | None, read_token: str | None, admin_token: str | None = None) -> Bench:
+    bench = Bench(surface_of(), token=token, read_token=read_token, admin_token=admin_token)
     bench.app.context.streams.stop()  # a stream ends at once then
     return bench
 
@@ -103,9 +104,29 @@ def test_each_route_takes_the_tokens_of_the_table_and_no_others() -> None:
         "nothing": [passed, passed, passed, passed],
         "read": [refused, refused, passed, passed],
         "write": [refused, refused, "forbidden", passed],
+        "admin": [refused, refused, "forbidden", passed],
     }
     asked = ask(make_bench(TOKEN, READ_TOKEN), None, "wrong", READ_TOKEN, TOKEN)
     assert asked == {route: answers[needs] for route, needs in NEEDS.items()}
+
+
+@pytest.mark.promise("docs/reference/http.md", "With one, the write token no longer administrates.")
+def test_with_an_admin_token_the_write_token_does_not_administrate() -> None:
+    passed, forbidden = "passed", "forbidden"
+    answers = {
+        "nothing": [passed, passed, passed],
+        "read": [passed, passed, passed],
+        "write": [forbidden, passed, passed],
+        "admin": [forbidden, forbidden, passed],
+    }
+    asked = ask(make_bench(TOKEN, READ_TOKEN, ADMIN_TOKEN), READ_TOKEN, TOKEN, ADMIN_TOKEN)
+    assert asked == {route: answers[needs] for route, needs in NEEDS.items()}
+
+
+def test_an_admin_token_alone_writes_and_leaves_reading_open() -> None:
+    asked = ask(make_bench(None, None, ADMIN_TOKEN), None, ADMIN_TOKEN)
+    refused = {route: "refused" if needs in ("write", "admin") else "passed" for route, needs in NEEDS.items()}
+    assert asked == {route: [without, "passed"] for route, without in refused.items()}
 
 
 @pytest.mark.promise(
@@ -115,7 +136,7 @@ def test_each_route_takes_the_tokens_of_the_table_and_no_others() -> None:
 @pytest.mark.promise("docs/reference/service-configuration.md", "Without it, reads need no token.")
 def test_without_a_read_token_reads_are_open_and_writes_are_not() -> None:
     asked = ask(make_bench(TOKEN, None), None, "wrong", TOKEN)
-    refused = {route: "refused" if needs == "write" else "passed" for route, needs in NEEDS.items()}
+    refused = {route: "refused" if needs in ("write", "admin") else "passed" for route, needs in NEEDS.items()}
     assert asked == {route: [without, without, "passed"] for route, without in refused.items()}
 
 
@@ -134,7 +155,8 @@ def test_head_needs_the_token_of_get() -> None:
         method, path = route.split()
         if method == "GET" and not path.endswith("/stream"):
             asked = [outcome(bench, "HEAD", path, token) for token in (None, READ_TOKEN)]
-            assert asked == ["passed" if needs == "nothing" else "refused", "passed"], route
+            with_token = "forbidden" if needs == "admin" else "passed"
+            assert asked == ["passed" if needs == "nothing" else "refused", with_token], route
     for path in ("/stream", "/surfaces/press-7/stream"):
         answer = bench.client.head(path, headers={"Authorization": f"Bearer {READ_TOKEN}"})
         assert (answer.status_code, answer.headers["allow"]) == (405, "GET")

@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +13,7 @@ from beamtouch_common.encodings import decode
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import read_bounded, write_atomically
 from beamtouch_daemon.config.signal import Channel
-from beamtouch_service.samples import ChannelName, SurfaceName
+from beamtouch_service.samples import TARED_AT, ChannelName, SurfaceName
 
 MODE = 0o644
 """Permissions: the user of the service reads what root measured, whatever the umask of root."""
@@ -44,6 +45,11 @@ class TareFile(BaseModel):
         """Return the channels whose characteristic is another one than at the tare."""
         now = _identities(channels)
         return [name for name, before in self.characteristic.items() if now.get(name, before) != before]
+
+    @property
+    def stated_time(self) -> str | None:
+        """The time of the tare, as a batch states it; None if the file was changed to have none."""
+        return self.taken_at if re.fullmatch(TARED_AT, self.taken_at) else None
 
     def age_s(self, now: datetime) -> float:
         """Return the time since the tare; infinite if the file does not say, or the clock is before it."""

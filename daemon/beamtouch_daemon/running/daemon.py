@@ -120,6 +120,7 @@ def _begin(
         samples=[],
         noise_mm=None if surface.noise_mm is None else [surface.noise_mm] * len(surface.channels),
         characteristic=characteristic,
+        tared_at=None if tare is None else tare.stated_time,
         beam=surface.beam,
     )
     boot = store.surface(name).begin(head, publish.log_samples)

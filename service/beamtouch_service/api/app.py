@@ -29,9 +29,11 @@ from beamtouch_service.api import (
     samples,
     stream,
     surfaces,
+    trail,
 )
 from beamtouch_service.api.change_log import ChangeLog
 from beamtouch_service.api.context import Clock, Context, Streams
+from beamtouch_service.callers import TrustedProxies
 from beamtouch_service.metrics.counts import Counts
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.record import Recorder
@@ -53,9 +55,10 @@ _ROUTERS = (
     surfaces.model_router,
     stream.router,
     events.router,
+    trail.router,
     calibration_data.router,
     commissioning.router,
-    commissioning.write_router,
+    commissioning.admin_router,
     health.live_router,
     health.router,
     _description_router,
@@ -96,8 +99,7 @@ class Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
         """Return the OpenAPI description, with the schemas that routes only refer to."""
         if self.openapi_schema is None:
-            needs_read_token = self.context.access.read is not None
-            openapi.complete(super().openapi(), needs_read_token=needs_read_token)
+            openapi.complete(super().openapi(), self.context.access)
         return super().openapi()
 
 
@@ -108,6 +110,7 @@ def create_app(
     streams: Streams | None = None,
     recorder: Recorder | None = None,
     names: OwnNames | None = None,
+    proxies: TrustedProxies | None = None,
 ) -> Application:
     """Return the application for these surfaces.
 
@@ -119,6 +122,7 @@ def create_app(
     streams : the limit of open streams, and the signal to end them
     recorder : keeps the events; default: in memory
     names : the names that clients may ask for; default: any
+    proxies : those that are believed what they say of their clients; default: none
     """
     registry, counts, recorder = Registry(served), Counts(), recorder or Recorder()
     for surface in registry:
@@ -127,12 +131,13 @@ def create_app(
     context = Context(
         registry,
         clock,
-        access if isinstance(access, Access) else Access(write=access),
+        access if isinstance(access, Access) else Access.of(access),
         recorder,
         counts,
         ChangeLog(clock),
         streams or Streams(),
         names=names,
+        proxies=proxies or TrustedProxies(),
     )
     app = Application(context)
     errors.install(app)

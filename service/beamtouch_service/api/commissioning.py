@@ -9,14 +9,17 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
-from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath
+from beamtouch_service.api.changes import make_entry
+from beamtouch_service.api.context import CallerParameter, Context, ContextParameter, SurfaceInPath
 from beamtouch_service.api.record_answers import SLOT
+from beamtouch_service.callers import Caller, one_line
 from beamtouch_service.commissioning import results
 from beamtouch_service.commissioning.pressing import Stage
 from beamtouch_service.commissioning.report import PlaceMm, Recorded, Report, as_text
 from beamtouch_service.commissioning.run import CommissioningRun
 from beamtouch_service.commissioning.runs import hides_presses
 from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.record import Action, Entry
 from beamtouch_service.surfaces.contact import rfc3339
 
 _TEXT = "text/plain; charset=utf-8"
@@ -25,18 +28,13 @@ _MAX_BY = 80
 _ABANDONED = "It was abandoned."
 
 
-def _one_line(text: str) -> str:
-    """Return text without what could forge or hide lines where it is printed."""
-    return " ".join("".join(one if one.isprintable() else " " for one in text).split())
-
-
 _Person = Annotated[
-    str, AfterValidator(_one_line), Query(min_length=1, max_length=_MAX_BY, description="Who confirms it.")
+    str, AfterValidator(one_line), Query(min_length=1, max_length=_MAX_BY, description="Who confirms it.")
 ]
 _RunId = Annotated[str, Query(alias="run", max_length=64, description="`id` of the run, as its state gives it.")]
 
 router = gate.make_router("commissioning", Role.READ)
-write_router = gate.make_router("commissioning", Role.WRITE)
+admin_router = gate.make_router("commissioning", Role.ADMIN)
 
 
 class RunState(BaseModel):
@@ -108,20 +106,28 @@ def _now_us() -> int:
     return round(time.time() * 1e6)
 
 
+def _entry(run: CommissioningRun, caller: Caller, **details: object) -> Entry:
+    """Return what the trail says of a step of a run."""
+    return make_entry(Action.COMMISSIONING, details, caller, surface=run.report.surface, subject=run.id)
+
+
 @router.get("/surfaces/{name}/commissioning")
 async def get_commissioning(context: ContextParameter, name: SurfaceInPath) -> CommissioningState:
     """Return how far the commissioning of this surface is, if one is under way."""
     return _state(context, name)
 
 
-@write_router.post("/surfaces/{name}/commissioning")
-async def post_commissioning(context: ContextParameter, name: SurfaceInPath) -> CommissioningState:
+@admin_router.post("/surfaces/{name}/commissioning")
+async def post_commissioning(
+    context: ContextParameter, caller: CallerParameter, name: SurfaceInPath
+) -> CommissioningState:
     """Begin a commissioning of this surface."""
-    context.commissioning_runs.start(context.registry.named(name), context.clock(), _now_us())
+    run = context.commissioning_runs.start(context.registry.named(name), context.clock(), _now_us())
+    context.recorder.trail.note(_entry(run, caller, step="begun"))
     return _state(context, name)
 
 
-@write_router.post("/surfaces/{name}/commissioning/skip")
+@admin_router.post("/surfaces/{name}/commissioning/skip")
 async def post_commissioning_skip(
     context: ContextParameter,
     name: SurfaceInPath,
@@ -136,9 +142,10 @@ async def post_commissioning_skip(
     return _state(context, name)
 
 
-@write_router.post("/surfaces/{name}/commissioning/confirm")
+@admin_router.post("/surfaces/{name}/commissioning/confirm")
 async def post_commissioning_confirm(
     context: ContextParameter,
+    caller: CallerParameter,
     name: SurfaceInPath,
     run_id: _RunId,
     by: _Person,
@@ -150,17 +157,19 @@ async def post_commissioning_confirm(
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
     report = run.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by})
     with context.commissioning_runs.confirm(run):
-        number = await context.recorder.write(lambda transactions: results.add(transactions, run.id, report))
+        entry = _entry(run, caller, step="confirmed", signed=by)
+        number = await context.recorder.write(lambda transactions: results.add(transactions, run.id, report, entry))
     return Recorded(id=number, **report.model_dump())
 
 
-@write_router.post("/surfaces/{name}/commissioning/abandon")
+@admin_router.post("/surfaces/{name}/commissioning/abandon")
 async def post_commissioning_abandon(
-    context: ContextParameter, name: SurfaceInPath, run_id: _RunId
+    context: ContextParameter, caller: CallerParameter, name: SurfaceInPath, run_id: _RunId
 ) -> CommissioningState:
     """End a commissioning without a result."""
     run = context.commissioning_runs.require(context.registry.named(name).name, run_id)
     context.commissioning_runs.abandon(run, _ABANDONED)
+    context.recorder.trail.note(_entry(run, caller, step="abandoned"))
     return _state(context, name)
 
 

@@ -13,6 +13,7 @@ from starlette.types import Scope
 from beamtouch_common.parts import Parts
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.change_log import ChangeLog
+from beamtouch_service.callers import Caller, TrustedProxies
 from beamtouch_service.commissioning.runs import CommissioningRuns
 from beamtouch_service.metrics.counts import Counts
 from beamtouch_service.own_names import OwnNames
@@ -64,6 +65,7 @@ class Context:
     change_log: ChangeLog
     streams: Streams
     commissioning_runs: CommissioningRuns = field(default_factory=CommissioningRuns)
+    proxies: TrustedProxies = field(default_factory=TrustedProxies)
     names: OwnNames | None = None
     """The names that clients may ask for; None: any."""
     stepper: Stepper = field(default_factory=Stepper)
@@ -85,10 +87,12 @@ class Context:
             detail = f"Several services share the surfaces, and a load balancer knows which has which. {instead}"
             raise ProblemError(Problem(Kind.WRONG_REPLICA, detail, members={"surfaces": self.registry.names}))
 
-    def allow(self, scope: Scope, role: Role) -> None:
-        """Let a request with a token for `role` pass; raises ProblemError (401, 403)."""
+    def allow(self, scope: Scope, role: Role) -> Caller:
+        """Let a request with a token for `role` pass, and return who sent it; raises ProblemError (401, 403)."""
         given = next((value for name, value in scope["headers"] if name == b"authorization"), None)
-        self.access.require(role, given)
+        token = self.access.require(role, given)
+        peer = scope["client"][0] if scope.get("client") else "unknown"
+        return self.proxies.find_caller(token, peer, scope["headers"])
 
 
 def context_of(scope: Scope) -> Context:
@@ -97,11 +101,21 @@ def context_of(scope: Scope) -> Context:
     return context
 
 
+CALLER = "beamtouch.caller"
+"""Key of the scope of a request: who sent it, once its token was looked at."""
+
+
+async def _caller(connection: HTTPConnection) -> Caller:
+    caller: Caller = connection.scope[CALLER]
+    return caller
+
+
 async def _context(connection: HTTPConnection) -> Context:
     return context_of(connection.scope)
 
 
 ContextParameter = Annotated[Context, Depends(_context)]
+CallerParameter = Annotated[Caller, Depends(_caller)]
 SurfaceInPath = Annotated[str, PathParameter(description="Name of the surface.", examples=["press-7"])]
 """Any text from the client. The registry finds the surface of that name."""
 SurfaceInQuery = Annotated[str | None, Query(description="Name of the surface. Required if there are several.")]

@@ -7,6 +7,11 @@ from collections.abc import Iterable
 MEDIA_TYPE = "text/csv"
 RESPONSES = {"content": {MEDIA_TYPE: {"schema": {"type": "string"}}}}
 """Such an answer in OpenAPI."""
+NEXT_LINK = {
+    "description": 'Of CSV: the address of the next page from this one, as `<?...>; rel="next"`; none on the last.',
+    "schema": {"type": "string"},
+}
+"""The header with the next page, in OpenAPI."""
 
 
 class CsvParts:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, create_model,
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter
-from beamtouch_service.api.csv_parts import MEDIA_TYPE, RESPONSES, CsvParts
+from beamtouch_service.api.csv_parts import MEDIA_TYPE, NEXT_LINK, RESPONSES, CsvParts
 from beamtouch_service.api.record_answers import SLOT, answer_in_parts
 from beamtouch_service.api.times import Time, microseconds
 from beamtouch_service.problems import Kind, Problem, ProblemError
@@ -74,10 +74,6 @@ class EventQuery(BaseModel):
         return limit
 
 
-_LINK = {
-    "description": 'Of CSV: the address of the next page from this one, as `<?...>; rel="next"`; none on the last.',
-    "schema": {"type": "string"},
-}
 _LISTS: Any = GenericAlias(list, EventWithPath | PlateEventWithPath) | GenericAlias(list, EventAnswer | PlateEvent)
 EventList = create_model(
     "EventList",
@@ -90,7 +86,7 @@ EventList = create_model(
 @router.get(
     "/events",
     response_model=EventList,
-    responses={200: RESPONSES | {"headers": {"Link": _LINK}}},
+    responses={200: RESPONSES | {"headers": {"Link": NEXT_LINK}}},
     dependencies=[SLOT],
 )
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:

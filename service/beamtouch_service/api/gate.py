@@ -9,7 +9,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from beamtouch_service.access import Role
 from beamtouch_service.api import errors, openapi
-from beamtouch_service.api.context import context_of
+from beamtouch_service.api.changes import note_token
+from beamtouch_service.api.context import CALLER, context_of
 from beamtouch_service.problems import ProblemError
 
 HEADERS = {
@@ -30,14 +31,18 @@ class _Token(HTTPBearer):
         self.role = role
 
     async def __call__(self, request: HTTPConnection) -> None:
-        """Let a request pass; raises ProblemError (401, 403)."""
-        context_of(request.scope).allow(request.scope, self.role)
+        """Let a request pass, and note who sent one that writes; raises ProblemError (401, 403)."""
+        context = context_of(request.scope)
+        caller = request.scope[CALLER] = context.allow(request.scope, self.role)
+        if self.role.includes(Role.WRITE) and request.scope["method"] != "GET":
+            note_token(context, caller)
 
 
 _NEEDS: dict[Role, list[params.Depends]] = {
     Role.OPEN: [],
-    Role.READ: [Security(_Token(Role.READ, "For reading. The write token reads too."))],
+    Role.READ: [Security(_Token(Role.READ, "For reading."))],
     Role.WRITE: [Security(_Token(Role.WRITE, "For sending samples and for reading."))],
+    Role.ADMIN: [Security(_Token(Role.ADMIN, "For commissioning, the trail of changes, and all else."))],
 }
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
+from beamtouch_service.access import Access, Role
 from beamtouch_service.problems import MEDIA_TYPE, ProblemBody
 from beamtouch_service.samples import Batch
 
@@ -31,13 +32,13 @@ BATCH_BODY: dict[str, Any] = {
 """For a route that reads its body itself."""
 
 
-def complete(description: dict[str, Any], *, needs_read_token: bool) -> None:
+def complete(description: dict[str, Any], access: Access) -> None:
     """Complete an OpenAPI description in place.
 
     Parameters
     ----------
     description : as the framework makes it; gets the schemas that routes refer to by name
-    needs_read_token : whether reading takes a token in this service
+    access : the tokens of this service
     """
     # From where the description is: a proxy may have the service below a path of its own.
     description["servers"] = [{"url": "."}]
@@ -48,7 +49,8 @@ def complete(description: dict[str, Any], *, needs_read_token: bool) -> None:
     for operations in description["paths"].values():
         for operation in operations.values():
             security = operation.setdefault("security", [])
-            if {"read_token": []} in security:
-                # The other token reads too. An empty requirement: also without a token.
-                security += [{"write_token": []}]
-                security[:0] = [] if needs_read_token else [{}]
+            for role in [role for role in Role if {f"{role.token}_token": []} in security]:
+                # An empty requirement: also without a token.
+                is_open = role is Role.READ and not access.read
+                security[:] = [{}] if is_open else []
+                security += [{f"{one.token}_token": []} for one in access.sufficient(role)]

@@ -12,7 +12,8 @@ from starlette.responses import Response
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.batches import read_batch
-from beamtouch_service.api.context import Context, SurfaceInPath, context_of
+from beamtouch_service.api.changes import note_tare
+from beamtouch_service.api.context import CALLER, Context, SurfaceInPath, context_of
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt
 from beamtouch_service.surfaces.surface import Received, Surface
@@ -61,6 +62,8 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Response:
         )
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
+    with context.parts.attempt("trail", name):
+        note_tare(context, name, batch, request.scope[CALLER])
     with context.parts.attempt("change log", name):
         context.change_log.log_changes(surface, begin_s)
     durable = expected = None

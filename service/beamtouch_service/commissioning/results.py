@@ -3,7 +3,16 @@
 from sqlalchemy import JSON, Column, String, Table, delete, insert, select
 
 from beamtouch_service.commissioning.report import Recorded, Report
-from beamtouch_service.record import ROW_NUMBER, TABLES, Reader, Rows, Transactions
+from beamtouch_service.record import (
+    ROW_NUMBER,
+    TABLES,
+    Entry,
+    Reader,
+    Rows,
+    Transactions,
+    add_entries,
+    log_added,
+)
 
 MAX_KEPT = 20
 """Results that are kept of each surface, however old they are."""
@@ -21,8 +30,11 @@ _ROWS = Rows(_RESULTS.name, {"report": Report})
 _c = _RESULTS.c
 
 
-def add(transactions: Transactions, run: str, report: Report) -> int:
-    """Put the result of a run on record, unless it is there, and drop those beyond the newest; return its id."""
+def add(transactions: Transactions, run: str, report: Report, entry: Entry) -> int:
+    """Put the result of a run on record, unless it is there, with an entry on the trail; return its id.
+
+    Results beyond the newest are dropped.
+    """
     of_surface = _c.surface == report.surface
     row = {"surface": report.surface, "run": run, "report": report.model_dump(mode="json")}
     with transactions.database.writing() as connection:
@@ -31,6 +43,8 @@ def add(transactions: Transactions, run: str, report: Report) -> int:
             number = connection.execute(insert(_RESULTS).returning(_c.id), row).scalar_one()
             newest = select(_c.id).where(of_surface).order_by(_c.id.desc()).limit(MAX_KEPT)
             connection.execute(delete(_RESULTS).where(of_surface, _c.id.not_in(newest)))
+        added = add_entries(connection, [entry])
+    log_added(added)
     return number
 
 

@@ -11,23 +11,26 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from beamtouch_common import log_lines
+from beamtouch_common.commands import version
 from beamtouch_common.errors import InputError
 from beamtouch_models.runtime import ModelFileError
 from beamtouch_service.address import Address
+from beamtouch_service.api import changes
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.context import Streams
+from beamtouch_service.callers import TrustedProxies
 from beamtouch_service.config import Settings, read_access
 from beamtouch_service.host import models
 from beamtouch_service.host.models import ModelKeeper
 from beamtouch_service.host.serve import configure, serve
 from beamtouch_service.outputs import make
 from beamtouch_service.own_names import OwnNames
-from beamtouch_service.record import Recorder, RecordUnusableError, describe_kept_days
+from beamtouch_service.record import Action, Recorder, RecordUnusableError, describe_kept_days
 from beamtouch_service.sections import ServerSection, SurfaceSection, load_pair
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from beamtouch_service.access import Access
@@ -72,8 +75,11 @@ def prepare(settings: Settings) -> Prepared:
     return Prepared(access, address, [surface for surface, _ in loaded], keepers, outputs, warnings)
 
 
-def run(settings: Settings, levels: Iterable[log_lines.Level] = ()) -> None:
-    """Serve until SIGTERM or Ctrl-C, with a log from these levels on; raises what `prepare` raises."""
+def run(settings: Settings, origin: Mapping[str, object], levels: Iterable[log_lines.Level] = ()) -> None:
+    """Serve until SIGTERM or Ctrl-C, with a log from these levels on; raises what `prepare` raises.
+
+    `origin` is where the settings are from, as the trail tells it.
+    """
     prepared, server = prepare(settings), settings.server
     log_lines.set_up(levels=levels)
     for warning in prepared.warnings:
@@ -86,10 +92,17 @@ def run(settings: Settings, levels: Iterable[log_lines.Level] = ()) -> None:
         recorder = Recorder(settings.events, replica=server.replica)
     except RecordUnusableError as error:
         raise InputError(str(error)) from None
-    streams, names = Streams(server.max_streams), _names(server)
-    app = create_app(prepared.surfaces, prepared.access, streams=streams, recorder=recorder, names=names)
+    streams, names, proxies = Streams(server.max_streams), _names(server), TrustedProxies(server.trusted_proxies)
+    app = create_app(
+        prepared.surfaces, prepared.access, streams=streams, recorder=recorder, names=names, proxies=proxies
+    )
+    names_of_tokens = {role: sorted(tokens) for role, tokens in vars(prepared.access).items()}
+    start = {"version": version(), "tokens": names_of_tokens, **origin}
+    where = f"{socket.gethostname()}:{server.port}"
+    recorder.trail.note(changes.make_entry(Action.START, start, subject=where))
     tasks: Tasks = {
         "models": lambda _context: models.watch(prepared.keepers),
+        "trail": changes.watch_models,
         **{section.name: output.run for section, output in zip(settings.outputs, prepared.outputs, strict=True)},
     }
     serve(configure(app, server), prepared.address, app.context, tasks)
@@ -126,7 +139,7 @@ def _require_certificate(certificate: Path, key: Path) -> None:
 def _require_tokens(access: Access, address: str) -> None:
     """Raise InputError unless a service that the network reaches has both tokens."""
     needed = {"--write-token-file": access.write, "--read-token-file": access.read}
-    missing = [f"{option} FILE" for option, token in needed.items() if token is None]
+    missing = [f"{option} FILE" for option, token in needed.items() if not token]
     if missing:
         message = (
             f"{address} is open to the network, which requires a write token and a read token: "
@@ -157,7 +170,7 @@ def _load_surface(name: str, section: SurfaceSection) -> tuple[Surface, ModelKee
 def _warnings(settings: Settings, access: Access, address: Address) -> list[str]:
     """Return what works, but may not be meant."""
     server, warnings = settings.server, list[str]()
-    if access.write is None:
+    if not access.write:
         warnings.append("no write token: every write is refused; start with --write-token-file FILE to allow writes")
     if not settings.surfaces:
         warnings.append("no surface: the service has no contact to give; start with --model MODEL or --config FILE")

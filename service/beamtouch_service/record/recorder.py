@@ -22,6 +22,8 @@ from beamtouch_service.record.events.event import OpenEvent
 from beamtouch_service.record.events.health import HealthHistory, StoredHealth
 from beamtouch_service.record.events.surface_record import SurfaceRecord
 from beamtouch_service.record.reading.readers import Readers
+from beamtouch_service.record.trail.pending import PendingTrail
+from beamtouch_service.record.trail.table import log_added
 from beamtouch_service.record.writing.retention import Deleted, Retention
 from beamtouch_service.record.writing.transactions import Due, Transactions
 from beamtouch_service.record.writing.writer import Writer
@@ -75,6 +77,8 @@ class Recorder:
         self.readers = Readers(self.transactions.database)
         self._resume_s: dict[str, float] = {}
         """Surface -> time from which on its record is read again after a failure [s, monotonic]."""
+        self.trail = PendingTrail()
+        """Changes that the next commit puts on the trail."""
         self._tidied_s = float("-inf")
         self._upkeep: asyncio.Task[None] | None = None
 
@@ -253,8 +257,25 @@ class Recorder:
             if any(change.has_ended for change in changes if change.surface not in lost):
                 self._ended.set()
                 self._ended = asyncio.Event()
+        await self._write_trail()
         if self._unread:
             await self._read_health()
+
+    async def _write_trail(self) -> None:
+        """Put the changes that wait on the trail."""
+        if not (due := self.trail.take_due()):
+            return
+        try:
+            added = await self._writer.run(lambda transactions: transactions.add_to_trail(due))
+        except BaseException as error:
+            self.trail.put_back(due)
+            if not isinstance(error, RecordAwayError):
+                raise
+            self._writer.note(str(error))
+            return
+        if added and added[0].number == 1:  # this record is a new one, perhaps in the place of another
+            self.trail.forget_states()
+        log_added(added)
 
     async def _read_health(self) -> None:
         """State the health that is on record of surfaces whose samples have not come yet."""

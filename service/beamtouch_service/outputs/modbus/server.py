@@ -26,7 +26,7 @@ def make(section: ModbusServerSection, surfaces: Sequence[str], access: Access) 
         message = f"[modbus_server]: the addresses of Modbus hold {MAX_SURFACES} surfaces, but there are {count}"
         raise InputError(message)
     address = Address(section.name, section.host, section.port, option="modbus_server.port")
-    is_protected = access.read is None and address.is_loopback
+    is_protected = not access.read and address.is_loopback
     words = "no token protects the Modbus TCP server: everyone who reaches it can read the contacts"
     return Output(partial(_serve, section, address), ([] if is_protected else [words]) + _alike(surfaces))
 

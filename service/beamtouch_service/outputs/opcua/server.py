@@ -42,7 +42,7 @@ def make(section: OpcUaSection, _surfaces: Sequence[str], access: Access) -> Out
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
     security = read_security(section)
     address = Address(section.name, section.host, section.port, "opcua.port", security.require_for_others)
-    is_protected = security.has_password or security.has_trusted or access.read is None
+    is_protected = security.has_password or security.has_trusted or not access.read
     words = "neither a user nor trusted certificates protect the OPC UA server: everyone on this machine can read"
     return Output(partial(_run, section, security, address), [] if is_protected else [words])
 

@@ -30,7 +30,7 @@ from beamtouch_service.record.database.rows import Rows, Version
 from beamtouch_service.record.database.values import Word
 from beamtouch_service.record.events.event import Begin, End, Event, EventKind, Numbered
 
-FORMAT = 16
+FORMAT = 17
 """The format of the record. A record of another one is refused. Raise it when a table, a field of `Event` or the memory
 of a cursor changes."""
 ROW_NUMBER = BigInteger().with_variant(Integer, "sqlite")
@@ -104,8 +104,17 @@ HEALTH_BLOCKS = Table(
     Column("block", JSON, nullable=False),
 )
 """Sums of the best samples since the baseline of a surface began: a row per `health.BlockKey`."""
-TIME = Table("time", TABLES, Column("passed_s", Double, nullable=False), Column("clock_s", Double))
-"""One row: the time of the record, as `ageing.RecordTime`."""
+TIME = Table(
+    "time",
+    TABLES,
+    Column("passed_s", Double, nullable=False),
+    Column("clock_s", Double),
+    Column("deleted_old", BigInteger, nullable=False, default=0),
+    Column("deleted_oversize", BigInteger, nullable=False, default=0),
+    Column("told_s", Double),
+)
+"""One row: the time of the record, as `ageing.RecordTime`; the events that were deleted and do not stand on the trail
+yet; and when it told of some last."""
 DESTINATIONS = Table("destinations", TABLES, Column("name", String, primary_key=True))
 DELIVERIES = Table(
     "deliveries",

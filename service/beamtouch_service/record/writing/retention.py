@@ -10,6 +10,8 @@ from beamtouch_common.log_lines import Repeated
 from beamtouch_common.spans import apart, are_apart
 from beamtouch_service.record.database.connections import Database
 from beamtouch_service.record.database.tables import CURSORS, EVENTS, IS_FINISHED, TIME, read_time
+from beamtouch_service.record.trail.deletions import tell_deletions
+from beamtouch_service.record.trail.table import log_added
 from beamtouch_service.record.writing.ageing import RecordTime, Watch
 from beamtouch_service.sections import EventsSection
 
@@ -68,13 +70,16 @@ class Retention:
             old, are_more_old = _delete_old(connection, time.passed_s - self._keep_s)
             _delete_quiet_boots(connection, time.passed_s - min(self._keep_s, _QUIET_BOOT_S), held)
             oversize = self._shrink(database, connection)
+            deleted, at_s = Deleted(old, are_more_old, oversize), shared_s or clock_s
+            added = tell_deletions(connection, deleted.old, deleted.oversize, time.passed_s, round(at_s * 1e6))
         self._watch = watch
+        log_added(added)
         if warning:
             _log.warning("the record of events: %s", warning)
         if shared_s is not None and are_apart(clock_s - shared_s) and self._hourly.due("apart"):
             words = "the clock of this machine is %s that of the database; the record goes by the latter"
             _log.warning(words, apart(clock_s - shared_s))
-        return self._note(Deleted(old, are_more_old, oversize))
+        return self._note(deleted)
 
     def _note(self, deleted: Deleted) -> Deleted:
         """Count what was deleted, and log it once an hour."""

@@ -46,6 +46,8 @@ from beamtouch_service.record.database.tables import (
 from beamtouch_service.record.events.changes import BootChange, Change, Cursor
 from beamtouch_service.record.events.event import End, Event, OpenEvent
 from beamtouch_service.record.events.health import BlockKey, StoredHealth
+from beamtouch_service.record.trail.entry import Entry
+from beamtouch_service.record.trail.table import Added, add_entries
 from beamtouch_service.sections import EventsSection
 
 _log = logging.getLogger(__name__)
@@ -153,6 +155,11 @@ class Transactions:
         """Note that these events were acknowledged."""
         with self.database.writing() as connection:
             _end_deliveries(connection, [one.delivery for one in delivered])
+
+    def add_to_trail(self, entries: Sequence[Entry]) -> list[Added]:
+        """Add the entries that say something new to the trail; return them."""
+        with self.database.writing() as connection:
+            return add_entries(connection, entries)
 
     def close(self) -> None:
         """Close the connections."""
