@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.secrets import read_password, read_token
+from beamtouch_common.secrets import read_password, read_token, read_tokens
 
 Read = Callable[[Path], str]
 
@@ -54,3 +54,44 @@ def test_a_secret_that_cannot_be_used_is_refused_with_its_file(
     (tmp_path / "secret").write_bytes(content)
     with pytest.raises(InputError, match=rf"file {tmp_path / 'secret'}: .*{problem}"):
         read(tmp_path / "secret")
+
+
+SIXTEEN, OTHER = "sixteen-chars-16", "further-chars-16"
+
+
+@pytest.mark.parametrize(
+    ("content", "tokens"),
+    [
+        (f"{SIXTEEN}\n", {"write": SIXTEEN}),
+        (f"hall {SIXTEEN}\n", {"hall": SIXTEEN}),
+        (f"hall  {SIXTEEN}\r\n\r\nann\t{OTHER}", {"hall": SIXTEEN, "ann": OTHER}),
+        (f"{SIXTEEN}\n\n{OTHER}\n", {"write-1": SIXTEEN, "write-3": OTHER}),
+    ],
+)
+def test_a_token_has_the_name_before_it_or_that_of_its_role_and_line(
+    tmp_path: Path, content: str, tokens: dict[str, str]
+) -> None:
+    (tmp_path / "tokens").write_bytes(content.encode())
+    assert read_tokens(tmp_path / "tokens", "write") == tokens
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("", "tokens: empty; write at least 16"),
+        ("hall short\n", "tokens: only 5 characters"),
+        (f"{SIXTEEN}\nhall short\n", "tokens: line 2: only 5 characters"),
+        (f"the hall {SIXTEEN}", "neither TOKEN nor NAME TOKEN"),
+        (f"h\u00e4ll {SIXTEEN}", "neither TOKEN nor NAME TOKEN"),
+        (f"{'x' * 41} {SIXTEEN}", "a name has up to 40 letters"),
+        (f"hall {SIXTEEN}\nhall {OTHER}", "line 2: the name hall stands in a line before"),
+        (f"hall {SIXTEEN}\nann {SIXTEEN}", "line 2: the token stands in a line before"),
+    ],
+)
+def test_a_file_of_tokens_that_cannot_be_used_is_refused_without_quoting_a_token(
+    tmp_path: Path, content: str, problem: str
+) -> None:
+    (tmp_path / "tokens").write_bytes(content.encode())
+    with pytest.raises(InputError, match=problem) as caught:
+        read_tokens(tmp_path / "tokens", "write")
+    assert SIXTEEN not in str(caught.value)

@@ -52,7 +52,7 @@ def test_a_wrong_option_is_one_line(refused: Callable[..., str], words: str, com
     assert complaint in refused(*words.split())
 
 
-@pytest.mark.promise("docs/reference/http.md", "An address beyond loopback requires both.")
+@pytest.mark.promise("docs/reference/http.md", "An address beyond loopback requires a read and a write token.")
 @pytest.mark.promise(
     "docs/reference/service-configuration.md",
     "Addresses beyond loopback require a write token and a read token.",
