@@ -11,6 +11,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import get_args
 
+from beamtouch_common import archive_commands as archives
 from beamtouch_common import log_lines
 from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_daemon.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
@@ -82,6 +83,9 @@ def _parser() -> Parser:
         action="store_true",
         help="accept rest gaps that contradict the last tare or the configuration, for example after moving sensors",
     )
+    backup = add("backup", "write all that makes a gateway into one archive: configuration, tare files, certificate")
+    archives.add_backup(backup)
+    archives.add_restore(add("restore", "restore an archive of `backup`", reads_config=False))
     _add_record(add("record", "record known loads for design-sensors calibrate"))
     _add_noise(add("noise", "measure the noise of the readings, with nothing on the beam"))
     _add_scan(add("scan", "find what answers on a serial line or behind a Modbus TCP address", reads_config=False))

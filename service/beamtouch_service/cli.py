@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from beamtouch_common import archive_commands as archives
 from beamtouch_common import log_lines
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
 
@@ -27,8 +28,19 @@ def _parser(given: Sequence[str]) -> Parser:
     subject.add_argument("model", nargs="?", metavar="MODEL", help="model file from `design-sensors build`")
     subject.add_argument("--config", metavar="FILE", help="configuration of the service, with the files that it names")
     check.add_argument("--json", action="store_true", help="print one JSON object on standard output")
+    _add_backup(commands.add_parser("backup", help="write all that makes a service into one archive, while it runs"))
+    archives.add_restore(commands.add_parser("restore", help="restore an archive of `backup`"))
     _add_registers(commands.add_parser("registers", help="print the Modbus register map"))
     return parser
+
+
+def _add_backup(backup: argparse.ArgumentParser) -> None:
+    backup.description = (
+        "Write all that makes a service into one archive, while it runs: its configuration, the files that this names, "
+        "and its record, with the trail of changes."
+    )
+    backup.add_argument("--config", metavar="FILE", required=True, help="configuration of the service")
+    archives.add_backup(backup)
 
 
 def _add_registers(registers: argparse.ArgumentParser) -> None:
@@ -79,6 +91,25 @@ def _check(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _back_up(arguments: argparse.Namespace) -> int:
+    from beamtouch_service.config import load_settings
+
+    config = Path(arguments.config)
+    settings = load_settings(config, {})
+    from beamtouch_service.host import backup
+
+    secrets = arguments.with_secrets
+    print(*backup.back_up(config, settings, arguments.output, program=PROGRAM, with_secrets=secrets), sep="\n")
+    return DONE
+
+
+def _restore(arguments: argparse.Namespace) -> int:
+    from beamtouch_common.archives import restore_archive
+
+    print(*restore_archive(arguments.archive, arguments.folder, arguments.root), sep="\n")
+    return DONE
+
+
 def _registers(arguments: argparse.Namespace) -> int:
     from beamtouch_service.config import load_settings
     from beamtouch_service.host import models
@@ -117,13 +148,16 @@ def _run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+_WORK = {"run": _run, "check": _check, "backup": _back_up, "restore": _restore, "registers": _registers}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command. Returns 0 done, 2 wrong input with one line on standard error, 130 after Ctrl-C."""
 
     def work() -> int:
         given = sys.argv[1:] if argv is None else argv
         arguments = _parser(given).parse_args(given)
-        return {"run": _run, "check": _check, "registers": _registers}[arguments.command](arguments)
+        return _WORK[arguments.command](arguments)
 
     return exit_code(PROGRAM, "service", work)
 

@@ -44,7 +44,7 @@ GUIDES = {
         r"not tared: s2 \S+ mm from the last tare",
         r"gain +s1 \S+ \+- \S+ s2 \+[345]\.",
     ],
-    "docs/how-to/backup.md": [r"(?s)\nok\n.*\nevents\.db\n.*\"lifted_at\".*\"state\":\"contact\""],
+    "docs/how-to/backup.md": [r"(?s)folder/events\.db\n.*\"lifted_at\".*\"state\":\"contact\""],
     "docs/how-to/upgrade.md": ["checked  the graph gives the 9 answers", "posterior"],
 }
 """What the guides print, among other things; patterns."""
@@ -87,6 +87,7 @@ RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_se
 CONSOLE = {
     "README.md": 1,  # installation
     "docs/how-to/adc-module.md": 4,  # a device
+    "docs/how-to/backup.md": 1,  # packages, systemd and root
     "docs/how-to/calibrate.md": 1,  # a person puts weights on the beam
     "docs/how-to/containers.md": 4,
     "docs/how-to/debian.md": 9,  # packages, systemd and root

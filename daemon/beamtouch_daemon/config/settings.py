@@ -329,6 +329,11 @@ class Config(Strict):
         """Path of the file of the zeros that are kept over a restart: the daemon may write beside its log."""
         return self.log_file.with_name(f"{self.log_file.name}.zeros.json")
 
+    @property
+    def token_file(self) -> Path:
+        """Path of the file of the token."""
+        return self._directory / self.publish.token_file
+
     def tare_file(self, name: str) -> Path:
         """Return the path of the tare file of surface `name`."""
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
@@ -362,4 +367,4 @@ class Config(Strict):
     def read_token(self) -> str:
         """Return the bearer token; raises what `secrets.read_token` raises."""
         remedy = "publish.token_file must name a file with the service's token"
-        return read_token(self._directory / self.publish.token_file, remedy)
+        return read_token(self.token_file, remedy)

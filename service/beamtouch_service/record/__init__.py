@@ -12,6 +12,7 @@ forecast   for how long events are kept
 
 from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError, UnreadableRowError
 from beamtouch_service.record.database.rows import Rows
+from beamtouch_service.record.database.snapshot import copy_record
 from beamtouch_service.record.database.tables import ROW_NUMBER, TABLES
 from beamtouch_service.record.events.event import Begin, End, Event, EventKind, Numbered
 from beamtouch_service.record.fields import (
@@ -44,7 +45,7 @@ __all__ = [
     "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Action", "Added", "Begin", "Chain", "Due", "End", "Entry", "Event",
     "EventAnswer", "EventKey", "EventKind", "EventWithPath", "Numbered", "PlateEvent", "PlateEventWithPath", "Reader",
     "RecordAwayError", "RecordUnusableError", "Recorder", "Rows", "TooManyReadersError", "Transactions",
-    "UnreadableRowError", "add_entries", "check_chain", "describe_kept_days", "encode_details", "encode_event",
-    "event_fields_of", "find_axes", "find_best_samples", "find_entries", "find_events", "get_recorded_event",
-    "log_added", "members_of_event", "read_best_samples", "read_events",
+    "UnreadableRowError", "add_entries", "check_chain", "copy_record", "describe_kept_days", "encode_details",
+    "encode_event", "event_fields_of", "find_axes", "find_best_samples", "find_entries", "find_events",
+    "get_recorded_event", "log_added", "members_of_event", "read_best_samples", "read_events",
 ]  # fmt: skip

@@ -1,0 +1,192 @@
+"""Archives of backups: all of it or nothing, and never a file outside of the target."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+import tarfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from beamtouch_common.archives import Part, restore_archive, write_archive
+from beamtouch_common.errors import FailedError, InputError
+
+Change = Callable[[dict[str, bytes]], None]
+
+
+@pytest.fixture
+def plant(tmp_path: Path) -> Path:
+    """A folder with a configuration, a model in a folder of it, and a secret; another file lies elsewhere."""
+    folder = tmp_path / "plant"
+    (folder / "models").mkdir(parents=True)
+    (folder / "service.toml").write_text("[server]\n")
+    (folder / "models" / "press.onnx").write_bytes(os.urandom(3_000_000))
+    (folder / "token").write_text("correct-horse-battery-staple\n")
+    (tmp_path / "elsewhere").write_text("other\n")
+    return folder
+
+
+def write(plant: Path, *, elsewhere: bool = False) -> Path:
+    config, archive = plant / "service.toml", plant.parent / "a.tar.gz"
+    parts = [Part(config), Part(plant / "models" / "press.onnx"), Part(plant / "token", is_secret=True)]
+    write_archive(archive, "test", config, parts + [Part(plant.parent / "elsewhere")] * elsewhere)
+    return archive
+
+
+def found(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_what_was_written_comes_back_the_same_and_a_secret_stays_one(plant: Path, tmp_path: Path) -> None:
+    archive, new = write(plant), tmp_path / "deep" / "new"
+    assert archive.stat().st_mode & 0o777 == 0o600
+    restored = restore_archive(archive, new, None)
+    assert found(new) == found(plant)
+    assert sorted(restored) == sorted(new / name for name in found(plant))
+    assert (new / "token").stat().st_mode & 0o777 == 0o600
+    assert [path.name for path in tmp_path.glob(".*")] == []
+
+
+@pytest.mark.promise("docs/how-to/backup.md", "It overwrites nothing")
+def test_nothing_is_overwritten_neither_by_a_backup_nor_by_a_restore(plant: Path, tmp_path: Path) -> None:
+    archive, new = write(plant), tmp_path / "new"
+    before = archive.read_bytes()
+    with pytest.raises(InputError, match="is there already; name another one"):
+        write(plant)
+    assert archive.read_bytes() == before
+    new.mkdir()
+    (new / "token").symlink_to("nowhere")
+    with pytest.raises(InputError, match=r"new/token: there already; a restore overwrites nothing"):
+        restore_archive(archive, new, None)
+    assert found(new) == {}
+
+
+def test_files_from_elsewhere_need_a_root(plant: Path, tmp_path: Path) -> None:
+    archive, new = write(plant, elsewhere=True), tmp_path / "new"
+    with pytest.raises(InputError, match=rf"{tmp_path}/elsewhere is not from the folder .* add --root /"):
+        restore_archive(archive, new, None)
+    assert not new.exists()
+    restore_archive(archive, new, tmp_path / "root")
+    assert found(tmp_path / "root") == {f"{tmp_path}/elsewhere"[1:]: b"other\n"}
+
+
+def rewrite(archive: Path, change: Change) -> None:
+    """Write an archive anew whose members were changed."""
+    with tarfile.open(archive) as before:
+        members = {one.name: before.extractfile(one).read() for one in before}  # type: ignore[union-attr]
+    change(members)
+    with tarfile.open(archive, "w:gz") as after:
+        for name, content in members.items():
+            member = tarfile.TarInfo(name)
+            member.size = len(content)
+            after.addfile(member, io.BytesIO(content))
+
+
+def rename(name: str) -> Change:
+    """Return a change that gives the token another name, also in the list."""
+
+    def change(members: dict[str, bytes]) -> None:
+        members["list.json"] = members["list.json"].replace(b'"folder/token"', json.dumps(name).encode())
+        members[name] = members.pop("folder/token")
+
+    return change
+
+
+def edit(name: str) -> Change:
+    return lambda members: members.update({name: b"edited"})
+
+
+def drop(name: str) -> Change:
+    def change(members: dict[str, bytes]) -> None:
+        del members[name]
+
+    return change
+
+
+CHANGES: dict[str, tuple[Change, str]] = {
+    "a path upwards": (rename("folder/../../token"), "would leave the folder"),
+    "a path from the root": (rename("/etc/token"), "would leave the folder"),
+    "no path": (rename("folder"), "would leave the folder"),
+    "a file with other content": (edit("folder/token"), "folder/token is not as its list says"),
+    "a file too many": (edit("folder/more"), "files that its list does not have"),
+    "a file too few": (drop("folder/token"), "folder/token is not as its list says"),
+    "another list": (edit("list.json"), "its list: Invalid JSON"),
+    "no list": (drop("list.json"), "it has no list"),
+}
+
+
+@pytest.mark.parametrize("how", CHANGES)
+def test_an_archive_that_was_changed_is_refused_whole(plant: Path, tmp_path: Path, how: str) -> None:
+    archive, (change, problem) = write(plant), CHANGES[how]
+    rewrite(archive, change)
+    before = found(tmp_path)
+    with pytest.raises(InputError, match=problem):
+        restore_archive(archive, tmp_path / "new", None)
+    assert found(tmp_path) == before
+    assert not (tmp_path / "new").exists()
+
+
+def test_links_in_an_archive_or_in_the_target_lead_nowhere(plant: Path, tmp_path: Path) -> None:
+    archive = write(plant)
+    (tmp_path / "new").mkdir()
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "new" / "models").symlink_to(tmp_path / "outside")
+    with pytest.raises(InputError, match="a link leads out of"):
+        restore_archive(archive, tmp_path / "new", None)
+    with tarfile.open(archive) as before:
+        listed = before.extractfile("list.json").read()  # type: ignore[union-attr]
+    with tarfile.open(archive, "w:gz") as after:
+        first, link = tarfile.TarInfo("list.json"), tarfile.TarInfo("folder/service.toml")
+        first.size, link.type, link.linkname = len(listed), tarfile.SYMTYPE, "/etc/passwd"
+        after.addfile(first, io.BytesIO(listed))
+        after.addfile(link)
+    with pytest.raises(InputError, match=r"folder/service.toml is not a file"):
+        restore_archive(archive, tmp_path / "other", None)
+    assert found(tmp_path / "outside") == {}
+
+
+@pytest.mark.parametrize("keep", [0, 100, 1_000_000])
+def test_a_torn_archive_is_refused(plant: Path, tmp_path: Path, keep: int) -> None:
+    archive = write(plant)
+    archive.write_bytes(archive.read_bytes()[:keep])
+    with pytest.raises(InputError, match="not a whole archive of `backup`"):
+        restore_archive(archive, tmp_path / "new", None)
+    assert not (tmp_path / "new").exists()
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+from beamtouch_common.archives import Part, restore_archive, write_archive
+from beamtouch_common.errors import FailedError
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
+plant = Path(sys.argv[1])
+try:
+    if sys.argv[2] == "backup":
+        parts = [Part(plant / "models" / "press.onnx")]
+        write_archive(plant.parent / "b.tar.gz", "test", plant / "service.toml", parts)
+    else:
+        restore_archive(plant.parent / "a.tar.gz", plant.parent / "new", None)
+except FailedError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("command", ["backup", "restore"])
+def test_a_full_disk_leaves_nothing_behind(plant: Path, tmp_path: Path, command: str) -> None:
+    write(plant)
+    before = found(tmp_path)
+    done = subprocess.run([sys.executable, "-c", FULL, plant, command], capture_output=True, text=True, check=True)
+    assert "File too large; " in done.stdout
+    assert ("there is no backup" if command == "backup" else "nothing was restored") in done.stdout
+    assert found(tmp_path) == before
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_file_that_cannot_be_read_is_named(plant: Path, tmp_path: Path) -> None:
+    with pytest.raises(FailedError, match=r"gone.onnx: No such file or directory; there is no backup"):
+        write_archive(tmp_path / "b", "test", plant / "service.toml", [Part(plant / "gone.onnx")])
+    assert not (tmp_path / "b").exists()

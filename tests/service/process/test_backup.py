@@ -1,0 +1,110 @@
+"""A service that runs is backed up, and restored elsewhere: the same events, the same trail, the same answers."""
+
+import signal
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.bench import TOKEN, BuildModel, batch_of
+from service.event_story import RESTING, TOUCHING
+from service.process.conftest import Command, Service, StartService, service_of
+from support.running.waiting import wait_until
+
+CONFIG = """
+[server]
+port = 0
+write_token_file = "token"
+[events]
+file = "record/events.db"
+[surfaces.press-7]
+model = "press-7.onnx"
+stale_ms = 60000
+"""
+
+
+def answers(service: Service) -> list[Any]:
+    """Return the events with their paths, the trail and the model."""
+    paths = ("/events?path=true&limit=50", "/audit", "/surfaces/press-7/model")
+    return [service.get(path, TOKEN).json() for path in paths]
+
+
+def done(process: Any) -> tuple[int, str, str]:  # noqa: ANN401  # as `Command` gives it
+    said, errors = process.communicate(timeout=60)
+    return process.wait(), said, errors
+
+
+@pytest.fixture
+def line(start_service: StartService, build_model: BuildModel, tmp_path: Path) -> Service:
+    """A service with a contact on record, in the folder of the test."""
+    build_model()
+    (tmp_path / "record").mkdir()
+    (tmp_path / "service.toml").write_text(CONFIG)
+    service = start_service("--config", "service.toml")
+    rows = [RESTING, *[TOUCHING] * 5, RESTING]
+    assert service.post(batch_of(*rows) | {"oldest": 1, "characteristic": "c1"}).is_success
+    wait_until(lambda: len(service.get("/audit", TOKEN).json()["entries"]) == 4)
+    wait_until(lambda: bool(service.get("/events", TOKEN).json()["events"]))
+    return service
+
+
+@pytest.mark.promise("docs/how-to/backup.md", "while it runs")
+@pytest.mark.promise("docs/reference/trail.md", "With the record, the trail is in")
+def test_a_running_service_is_backed_up_and_restored_on_a_bare_machine(
+    line: Service, command: Command, tmp_path: Path
+) -> None:
+    config, archive, new = tmp_path / "service.toml", tmp_path / "a.tar.gz", tmp_path / "new"
+    code, said, errors = done(command("backup", "--config", config, "-o", archive, "--with-secrets"))
+    assert (code, errors) == (0, "")
+    assert said.splitlines() == [
+        "folder/service.toml",
+        "folder/token",
+        "folder/press-7.onnx",
+        "folder/record/events.db",
+    ]
+    before = answers(line)
+    line.stop(signal.SIGTERM)
+    code, said, errors = done(command("restore", archive, new))
+    assert (code, errors, len(said.splitlines())) == (0, "", 4)
+    restored = service_of(command("run", "--config", new / "service.toml"), TOKEN)
+    assert restored.get("/events", TOKEN).json()["events"][0]["end"] == "lift"
+    assert before[1]["chain"]["holds"]
+    events, trail, model = answers(restored)
+    assert (events, model) == (before[0], before[2])
+    # It adds to the trail what is new about it: the configuration is the same, and its folder is an option.
+    assert trail["entries"][-4:] == before[1]["entries"]
+    assert trail["chain"]["holds"]
+    assert restored.post(batch_of(TOUCHING, sequence=8)).json()["expected"] == 9
+
+
+def test_tokens_are_in_a_backup_only_if_they_are_asked_for(line: Service, command: Command, tmp_path: Path) -> None:
+    archive = tmp_path / "a.tar.gz"
+    code, said, _ = done(command("backup", "--config", tmp_path / "service.toml", "-o", archive))
+    assert (code, said.splitlines()[-1]) == (0, f"left out: {tmp_path}/token (--with-secrets)")
+    code, said, _ = done(command("restore", archive, tmp_path / "new"))
+    assert (code, (tmp_path / "new" / "token").exists()) == (0, False)
+    assert line.get("/health/live").is_success
+
+
+def test_a_damaged_or_a_missing_record_is_no_backup(command: Command, build_model: BuildModel, tmp_path: Path) -> None:
+    build_model()
+    (tmp_path / "token").write_text(TOKEN)
+    (tmp_path / "service.toml").write_text(CONFIG)
+    backup = ("backup", "--config", tmp_path / "service.toml", "-o", tmp_path / "a.tar.gz")
+    code, _, errors = done(command(*backup))
+    assert (code, errors.count("\n")) == (1, 1)
+    assert "record/events.db: unable to open database file; there is no backup" in errors
+    (tmp_path / "record").mkdir()
+    with closing(sqlite3.connect(tmp_path / "record" / "events.db")) as record:
+        record.execute("CREATE TABLE many (text)")
+        record.executemany("INSERT INTO many VALUES (?)", [("x" * 500,)] * 100)
+        record.commit()
+    content = bytearray((tmp_path / "record" / "events.db").read_bytes())
+    content[4096:12288] = b"y" * 8192
+    (tmp_path / "record" / "events.db").write_bytes(content)
+    code, _, errors = done(command(*backup))
+    assert (code, errors.count("\n")) == (1, 1)
+    assert "there is no backup" in errors
+    assert not list(tmp_path.glob("*.tar.gz")) + list(tmp_path.glob(".backup*"))
