@@ -252,13 +252,16 @@ def test_lost_readings_are_time_in_which_zeros_may_have_drifted(lost: int) -> No
     assert common_mm == pytest.approx(float(WALK.grown_mm((lost + 1) / RATE_HZ)))
 
 
+@pytest.mark.parametrize(
+    ("frequency_hz", "damping_per_s", "rest_s"), [(23.0, 0.8, 0.6), (6.5, 4.0, 0.3)], ids=["fast", "slow, short rests"]
+)
 @pytest.mark.parametrize("drift_um_per_min", [0.0, 4.0])
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (2, 3))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (1, 2, 3))])
 def test_a_beam_that_rings_from_each_touch_to_the_next_has_zeros_that_are_known(
-    drift_um_per_min: float, seed: int
+    drift_um_per_min: float, seed: int, frequency_hz: float, damping_per_s: float, rest_s: float
 ) -> None:
     """No block of readings is calm then. Loads bend it by six deviations of the noise and more."""
-    rate_hz, noise_mm, period = 100.0, 0.004, 10.0
+    rate_hz, noise_mm, period = 100.0, 0.004, max(10.0, 100.0 / frequency_hz)
     random, shape = np.random.default_rng(seed), np.array([0.4, 0.9, 1.0, 0.5])
     chain = Chain(Mean("growing-mean", 4, 200, 6 * noise_mm), 4, noise_mm, period, unseen_swing=0.01)
     tracking = Zeros(Walk(0.0045, 0.05, 0.001), rate_hz, noise_mm, 0.0, period, 4)
@@ -266,18 +269,20 @@ def test_a_beam_that_rings_from_each_touch_to_the_next_has_zeros_that_are_known(
     at_s = np.arange(0.0, 90.0, 1 / rate_hz)
     true_mm = drift_um_per_min / 60e3 * at_s[:, None] * np.ones(4)
     bent_mm = true_mm + noise_mm * random.standard_normal(true_mm.shape)
-    for touch_s in np.arange(1.0, 90.0, 1.5):
+    for touch_s in np.arange(1.0, 90.0, 0.9 + rest_s):
         load_mm = 10 ** random.uniform(-1.6, 0)
         for change_s, size_mm in ((touch_s, load_mm), (touch_s + 0.9, -load_mm)):
             later_s = np.maximum(at_s - change_s, 0.0)
-            rings = (at_s >= change_s) * (1 - np.exp(-0.8 * later_s) * np.cos(2 * np.pi * 23.0 * later_s))
+            rings = (at_s >= change_s) * (
+                1 - np.exp(-damping_per_s * later_s) * np.cos(2 * np.pi * frequency_hz * later_s)
+            )
             bent_mm += size_mm * rings[:, None] * shape
     for first in range(0, len(at_s), 100):
         values = bent_mm[first : first + 100]
         tracked = tracking.track(values, None, chain.apply(values))
         off.append(tracked.zero_mm - true_mm[first : first + 100])
         stated.append(np.hypot(tracked.common_mm[:, None], tracked.own_mm))
-    assert np.concatenate(stated[-10:]).max() < 0.0035
+    assert np.concatenate(stated[-10:]).max() < 0.005
     assert np.percentile(np.abs(np.concatenate(off)) / np.concatenate(stated), 99.5) < 4
 
 

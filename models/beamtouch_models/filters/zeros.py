@@ -45,6 +45,8 @@ class _Block(NamedTuple):
     variance_mm2: FloatArray
     there: NDArray[np.bool_]
     """Channels that were good in all readings."""
+    swings: bool = False
+    """True if this is what the beam swings about."""
 
 
 class _Zero(NamedTuple):
@@ -213,10 +215,10 @@ class Zeros:
         repeats = max(1.0, float(filtered.readings[row]) / self._size)
         variance_mm2 = repeats * np.diag(filtered.covariances_mm2(np.array([row]))[0])
         mean_mm, there = filtered.mean_mm[row], ~np.isnan(filtered.mean_mm[row])
-        # What is less certain than a reading may hide a load, which would move the zeros again and again.
-        if (variance_mm2 > self._single_mm2)[there].any():
+        # What is less certain than a reading and than the zeros may hide a load, which would move them again and again.
+        if (variance_mm2 > np.maximum(self._single_mm2, self._drifted_mm2(self._rest)))[there].any():
             return None
-        return _Block(mean_mm, np.maximum(variance_mm2, self._mean_mm2), there)
+        return _Block(mean_mm, np.maximum(variance_mm2, self._mean_mm2), there, swings=True)
 
     def _end_block(self, filtered: Filtered | None, behind: int) -> None:
         """Take what a block says; if the beam swings, what it swings about.
@@ -304,7 +306,9 @@ class Zeros:
         return self._read - after <= seconds * self._rate_hz
 
     def _repeats(self, block: _Block) -> bool:
-        """Return whether a block is like that before it."""
+        """Return whether a block is like that before it. A beam that swings shows its rest over all its swings."""
+        if block.swings:
+            return True
         last = self._last
         if last is None:
             return False
@@ -314,6 +318,10 @@ class Zeros:
     def _grown_mm(self, since: int) -> float:
         """Return the common drift since this number of readings."""
         return float(self._walk.grown_mm((self._read - since) / self._rate_hz))
+
+    def _drifted_mm2(self, rest: _Zero) -> FloatArray:
+        """Return the variance of each zero since a rest, shape (channels,)."""
+        return rest.variance_mm2 + (1 + OWN**2) * self._grown_mm(rest.at) ** 2
 
     def _is_within(self, block: _Block, rest: _Zero) -> bool:
         """Return whether what zeros may have drifted since a rest explains a block."""
@@ -338,7 +346,7 @@ class Zeros:
 
     def _follow(self, block: _Block, rest: _Zero) -> None:
         """Move the zeros of a rest to a block."""
-        there, variance = block.there, rest.variance_mm2 + (1 + OWN**2) * self._grown_mm(rest.at) ** 2
+        there, variance = block.there, self._drifted_mm2(rest)
         gain = np.where(there, variance / (variance + block.variance_mm2), 0.0)
         moved = rest.mm + gain * np.where(there, block.mean_mm - rest.mm, 0.0)
         reach = SPEED * self._walk.rate_mm_per_min / MINUTE_S * (self._read - rest.seen) / self._rate_hz
