@@ -103,6 +103,8 @@ class Scored:
     """a"""
     force: str
     """f"""
+    residual: str
+    """y - f H, (batch, channels, N)"""
     misfit: str
     """R, half the misfit"""
     widened: str | None
@@ -129,7 +131,7 @@ def scored(graph: Graph, seen: Whitened, prior: Prior, influence: str, variance:
     if variance is None:
         return Scored(sample, sample, shape, *_fitted(graph, sample, shape, largest_n), None)
     # The likeliest force says how much the mounting of the sensors adds to the variance of each channel.
-    _, force, _ = _fitted(graph, sample, shape, largest_n)
+    _, force, *_ = _fitted(graph, sample, shape, largest_n)
     own_variance = variance
     if shared is not None:
         own_variance = graph.apply("Mul", variance, graph.constant(1 - (shared**2).sum(axis=1)[:, None]))
@@ -184,8 +186,8 @@ def widening(graph: Graph, force: str, variance: str) -> str:
     return graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
 
 
-def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: bool = False) -> tuple[str, str, str]:
-    """Return precision, best force and half the misfit of each cell; `own`: each cell has its own sample."""
+def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: bool = False) -> tuple[str, str, str, str]:
+    """Return precision, best force, residual and half the misfit of each cell; `own`: each cell has its own sample."""
     if own:
         along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
     else:
@@ -195,7 +197,7 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: boo
     force = graph.apply("Div", along, precision)
     force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * largest_n))
     residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
-    return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
+    return precision, force, residual, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
 
 
 def likely_misfit(graph: Graph, stated: ForceRange, found: Scored) -> str:
@@ -333,7 +335,7 @@ def state_force(graph: Graph, stated: ForceRange, found: Scored, posterior: str,
 
     `fine` says that the force may be known to the last digits of float32.
     """
-    axis, middle = graph.ints(2), graph.constant(stated.middle_n)
+    axis = graph.ints(2)
     if masses.beyond is None:
         force, variance = found.force, graph.apply("Div", graph.constant(0.5), found.precision)
         # Of three rows, this takes less time than a product and its sum.
@@ -352,7 +354,7 @@ def state_force(graph: Graph, stated: ForceRange, found: Scored, posterior: str,
     deviations = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None]
     value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(deviations)))
     if masses.beyond is not None:
-        value = graph.apply("Add", value, middle)
+        value = graph.apply("Add", value, graph.constant(stated.middle_n))
     value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * stated.high_n))
     first = graph.apply("Gather", value, graph.index(0), axis=1)
     graph.apply("Squeeze", first, graph.ints(1), output=FORCE_OUTPUTS[0])
@@ -435,14 +437,16 @@ def _state_position(graph: Graph, grid: Grid, posterior: str, length_mm: float, 
     along = graph.cast(along, np.float64) if grid.fine else along
     place = graph.apply("ReduceSum", along, graph.ints(2), keepdims=0)
     place = graph.cast(place, np.float32) if grid.fine else place
-    stated = reaching(graph, place, grid.low_mm, length_mm)
+    stated = reaching(graph, place, (grid.low_mm, grid.low_mm + length_mm))
     graph.apply("Gather", stated, graph.index(0), axis=1, output=POSITION_OUTPUTS[0])
     graph.apply("ReduceMin", stated, axes=[1], keepdims=0, output=POSITION_OUTPUTS[1])
     graph.apply("ReduceMax", stated, axes=[1], keepdims=0, output=POSITION_OUTPUTS[2])
 
 
-def reaching(graph: Graph, place: str, low_mm: float, length_mm: float) -> str:
+def reaching(graph: Graph, place: str, *ranges_mm: tuple[float, float]) -> str:
     """Return median and interval (batch, 3) from the QUANTILES (batch, 5), which count from the low end of the range.
+
+    Of several ranges, one an axis, they are (batch, axes, 3) and (batch, axes, 5).
 
     l and h are what the ends of the interval leave out, a and b what lies between the quantiles of the other end:
 
@@ -450,12 +454,12 @@ def reaching(graph: Graph, place: str, low_mm: float, length_mm: float) -> str:
         t = clip(l / (REACH a) - 1, 0, 1)    u = clip(h / (REACH b) - 1, 0, 1)
         low = t (l + (1 - u) b)              high = length - u (h + (1 - t) a)
     """
+    axis = min(len(ranges_mm), 2)
     left_out = np.array([[0, 1, 0, 0, 0], [0, 0, -1, 0, 0]])
     between = REACH * np.array([[0, 0, 1, 0, -1], [0, -1, 0, 1, 0]])
-    bias = np.array([0.0, length_mm])
-    rows = graph.constant(np.concatenate([left_out, left_out - between, between]).T)
-    parts = graph.apply("Gemm", place, rows, graph.constant(np.concatenate([bias, bias, [0.0, 0.0]])))
-    left, beyond, across = graph.split(parts, 3, 1)
+    bias = [[0.0, high_mm - low_mm] * 2 + [0.0, 0.0] for low_mm, high_mm in ranges_mm]
+    parts = _mapped(graph, place, np.concatenate([left_out, left_out - between, between]).T, bias)
+    left, beyond, across = graph.split(parts, 3, axis)
     across = graph.apply("Max", across, graph.constant(SHORTEST_MM))
     stays = graph.apply("Div", beyond, across)
     stays = graph.apply("Clip", stays, graph.constant(0.0), graph.constant(1.0))
@@ -463,11 +467,17 @@ def reaching(graph: Graph, place: str, low_mm: float, length_mm: float) -> str:
     given = graph.apply("Sub", across, graph.apply("Mul", stays, across))
     given = graph.apply("MatMul", given, graph.constant([[0.0, 1 / REACH], [1 / REACH, 0.0]]))
     left = graph.apply("Mul", stays, graph.apply("Add", left, given))
-    every = graph.apply("Concat", place, left, axis=1)
+    every = graph.apply("Concat", place, left, axis=axis)
     stated = np.zeros((7, 3))
     stated[0, 0], stated[5, 1], stated[6, 2] = 1.0, 1.0, -1.0
-    ends = _outwards(low_mm, low_mm + length_mm)
-    return graph.apply("Gemm", every, graph.constant(stated), graph.constant([low_mm, *ends]))
+    return _mapped(graph, every, stated, [[low_mm, *_outwards(low_mm, high_mm)] for low_mm, high_mm in ranges_mm])
+
+
+def _mapped(graph: Graph, values: str, rows: Floats, bias: list[list[float]]) -> str:
+    """Return values (batch, n) times rows (n, m) plus a bias; values are (batch, rows, n) if the bias has more rows."""
+    if len(bias) == 1:
+        return graph.apply("Gemm", values, graph.constant(rows), graph.constant(bias[0]))
+    return graph.apply("Add", graph.apply("MatMul", values, graph.constant(rows)), graph.constant(bias))
 
 
 def _outwards(low_mm: float, high_mm: float) -> tuple[float, float]:

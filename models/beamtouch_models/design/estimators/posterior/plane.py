@@ -70,11 +70,25 @@ BEYOND_ALL = 1e9
 
 @dataclass(frozen=True)
 class _Box:
-    """The place of a box in the extent, as shares of it: names of (batch, 1)."""
+    """The place of a box in the extent, as shares of it along both axes: names of (batch, 2, 1)."""
 
-    low: tuple[str, str]
-    step: tuple[str, str]
+    low: str
+    step: str
     """Of a cell."""
+
+
+@dataclass(frozen=True)
+class _Changes:
+    """The changes of f H across each cell along both axes, less their parts along H: names of (batch, 2, N)."""
+
+    squares: str
+    """The diagonal of G."""
+    cross: str
+    """Its other entry, (batch, 1, N)."""
+    left: str
+    """q"""
+    pulled: str
+    """H.u / a and H.v / a: how far the force of a cell may be off."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +97,7 @@ class _Weighed:
 
     fit: Scored
     """With the least misfit within each cell, (batch, 1, N), and the precision a'."""
+    changes: _Changes
     masses: Masses
     posterior: str
     """(batch, rows, N)"""
@@ -101,14 +116,14 @@ def plane_graph(prior: Prior, *, with_force: bool, finest: Prior) -> onnx.ModelP
     found = scored(graph, seen, prior, influence, variance)
     _state_odds(graph, found)
     weighed = _weigh(graph, prior, found)
-    box = _Box((graph.constant([[0.0]]),) * 2, (graph.constant([[1 / PARTS]]),) * 2)
+    box = _Box(graph.constant(np.zeros((1, 2, 1))), graph.constant(np.full((1, 2, 1), 1 / PARTS)))
     table = table_of(finest)
     rows = graph.constant(table)
     for _ in range(_boxes(finest)):
         box = _next_box(graph, weighed.posterior, box)
         found = _scored_in(graph, prior, seen, box, rows, along=round(len(table) ** 0.5))
         weighed = _weigh(graph, prior, found)
-    _state_misfit(graph, prior, found)
+    _state_misfit(graph, prior, found, weighed.changes)
     _state_place(graph, prior, weighed.posterior, box)
     outputs = [*names_of(PLATE_AXES[0], "mm"), *names_of(PLATE_AXES[1], "mm"), *EVIDENCE_OUTPUTS, CORRELATION_OUTPUT]
     if with_force:
@@ -165,40 +180,41 @@ def _state_odds(graph: Graph, found: Scored) -> None:
 
 def _scored_in(graph: Graph, prior: Prior, seen: Whitened, box: _Box, table: str, along: int) -> Scored:
     """Return the misfits of the cells of a box, whose influence comes from a table with `along` nodes along an axis."""
-    nodes = [_nodes_of(graph, low, step, along) for low, step in zip(box.low, box.step, strict=True)]
-    (across, part_across), (beside, part_beside) = nodes
-    first = graph.apply("Unsqueeze", graph.apply("Mul", across, graph.index(along)), graph.ints(2))
-    first = graph.apply("Add", first, graph.apply("Unsqueeze", beside, graph.ints(1)))
-    corners = [
-        graph.apply("Gather", table, graph.apply("Add", first, graph.index(shift)), axis=0)
-        for shift in (0, along, 1, along + 1)
-    ]
-    at_x = graph.apply("Unsqueeze", part_across, graph.ints(2, 3))
-    at_y = graph.apply("Unsqueeze", part_beside, graph.ints(1, 3))
-
-    def between(low: str, high: str, part: str) -> str:
-        return graph.apply("Add", low, graph.apply("Mul", graph.apply("Sub", high, low), part))
-
-    below, above = between(corners[0], corners[1], at_x), between(corners[2], corners[3], at_x)
-    every = graph.apply("Reshape", between(below, above, at_y), graph.ints(0, PARTS**2, -1))
+    below, part = _nodes_of(graph, box, along)
+    (across, beside), (at_x, at_y) = graph.split(below, 2, 1), graph.split(part, 2, 1)
+    first = graph.apply("Mul", graph.apply("Transpose", across, perm=[0, 2, 1]), graph.constant(float(along)))
+    first = graph.cast(graph.apply("Add", first, beside), np.int64)
+    # Low and high node along x, each with low and high node along y.
+    shifts = graph.constant(np.reshape([0, 1, along, along + 1], (4, 1, 1)), np.int64)
+    corners = graph.apply("Add", graph.apply("Unsqueeze", first, graph.ints(1)), shifts)
+    values = graph.apply("Gather", table, corners, axis=0)
+    for share, beyond in ((at_x, (3, 4)), (at_y, (2, 4))):
+        low, high = graph.split(values, 2, 1)
+        change = graph.apply("Mul", graph.apply("Sub", high, low), graph.apply("Unsqueeze", share, graph.ints(*beyond)))
+        values = graph.apply("Add", low, change)
+    every = graph.apply("Reshape", values, graph.ints(0, PARTS**2, -1))
     every = graph.apply("Transpose", every, perm=[0, 2, 1])
     if prior.variance_table is None:
         return scored(graph, seen, prior, every, None)
     return scored(graph, seen, prior, *graph.split(every, 2, 1))
 
 
-def _nodes_of(graph: Graph, low: str, step: str, along: int) -> tuple[str, str]:
-    """Return the nodes below the middles of cells along an axis, and the parts of the way beyond; (batch, PARTS)."""
-    middles = graph.constant(np.arange(PARTS)[None] + 0.5)
-    share = graph.apply("Add", graph.apply("Mul", middles, step), low)
+def _nodes_of(graph: Graph, box: _Box, along: int) -> tuple[str, str]:
+    """Return the nodes below the middles of cells along both axes, and the parts of the way beyond; (batch, 2, PARTS).
+
+    Whole numbers, as float.
+    """
+    middles = graph.constant(np.arange(PARTS) + 0.5)
+    share = graph.apply("Add", graph.apply("Mul", middles, box.step), box.low)
     node = graph.apply("Mul", share, graph.constant(along - 1.0))
     below = graph.apply("Floor", graph.apply("Clip", node, graph.constant(0.0), graph.constant(along - 1.5)))
-    return graph.cast(below, np.int64), graph.apply("Sub", node, below)
+    return below, graph.apply("Sub", node, below)
 
 
 def _weigh(graph: Graph, prior: Prior, found: Scored) -> _Weighed:
     """Return the posterior over the cells of a box."""
-    averaged, half_log_volume = _averaged(graph, found)
+    changes = _changes_of(graph, found)
+    averaged, half_log_volume = _averaged(graph, found, changes)
     unlikely = graph.apply("Add", averaged.misfit, half_log_volume)
     if found.widened is not None:
         unlikely = graph.apply("Add", unlikely, graph.apply("Log", found.widened))
@@ -207,117 +223,87 @@ def _weigh(graph: Graph, prior: Prior, found: Scored) -> _Weighed:
     masses = masses_of(graph, prior, graph.apply("Sqrt", averaged.precision), averaged.force)
     likely = graph.apply("Div", graph.apply("Exp", exponent), graph.apply("Sqrt", found.precision))
     posterior = graph.apply("LpNormalization", graph.apply("Mul", likely, masses.every), axis=2, p=1)
-    return _Weighed(averaged, masses, posterior)
-
-
-@dataclass(frozen=True)
-class _Changes:
-    """The changes of f H across each cell, less their parts along H: names of (batch, 1, N)."""
-
-    squares: tuple[str, str]
-    """The diagonal of G."""
-    cross: str
-    """Its other entry."""
-    left: tuple[str, str]
-    """q"""
-    pulled: tuple[str, str]
-    """H.u / a and H.v / a: how far the force of a cell may be off."""
+    return _Weighed(averaged, changes, masses, posterior)
 
 
 def _changes_of(graph: Graph, found: Scored) -> _Changes:
     """Return how the cells of a box change what they explain."""
-    residual = graph.apply("Sub", found.own, graph.apply("Mul", found.force, found.shape))
-    scale = graph.apply("Mul", found.force, graph.constant(6**-0.5))
-    first, second = (graph.apply("Mul", scale, _change(graph, found.shape, axis)) for axis in (2, 3))
+    axis = graph.ints(1)
+    scale = graph.apply("Unsqueeze", graph.apply("Mul", found.force, graph.constant(6**-0.5)), axis)
+    changes = graph.apply("Mul", _steps(graph, found.shape), scale)
 
-    def product(one: str, other: str) -> str:
-        return graph.apply("ReduceSum", graph.apply("Mul", one, other), graph.ints(1), keepdims=1)
+    def product(other: str) -> str:
+        each = graph.apply("Mul", changes, graph.apply("Unsqueeze", other, axis))
+        return graph.apply("ReduceSum", each, graph.ints(2), keepdims=0)
 
-    def across(one: str, other: str, along: str, pulled: str) -> str:
-        return graph.apply("Sub", product(one, other), graph.apply("Mul", along, pulled))
-
-    along = product(first, found.shape), product(second, found.shape)
-    pulled = graph.apply("Div", along[0], found.precision), graph.apply("Div", along[1], found.precision)
-    nothing = graph.constant(0.0)
-    return _Changes(
-        (
-            graph.apply("Max", across(first, first, along[0], pulled[0]), nothing),
-            graph.apply("Max", across(second, second, along[1], pulled[1]), nothing),
-        ),
-        across(first, second, along[0], pulled[1]),
-        (product(first, residual), product(second, residual)),
-        pulled,
-    )
+    along = product(found.shape)
+    pulled = graph.apply("Div", along, found.precision)
+    squares = graph.apply("ReduceSumSquare", changes, axes=[2], keepdims=0)
+    squares = graph.apply("Max", graph.apply("Sub", squares, graph.apply("Mul", along, pulled)), graph.constant(0.0))
+    both = graph.apply("ReduceProd", changes, axes=[1], keepdims=0)
+    common = graph.apply("Div", graph.apply("ReduceProd", along, axes=[1], keepdims=1), found.precision)
+    cross = graph.apply("Sub", graph.apply("ReduceSum", both, axis, keepdims=1), common)
+    return _Changes(squares, cross, product(found.residual), pulled)
 
 
 def _explained(graph: Graph, changes: _Changes, ridge: float) -> tuple[str, str]:
     """Return q' (ridge I + G)^-1 q of each cell, and the determinant of that matrix."""
-    held = graph.constant(ridge)
-    first, second = (graph.apply("Add", square, held) for square in changes.squares)
-    crossed = graph.apply("Mul", changes.cross, changes.cross)
-    volume = graph.apply("Sub", graph.apply("Mul", first, second), crossed)
+    held = graph.apply("Add", changes.squares, graph.constant(ridge))
+    volume = graph.apply("ReduceProd", held, axes=[1], keepdims=1)
+    volume = graph.apply("Sub", volume, graph.apply("Mul", changes.cross, changes.cross))
     volume = graph.apply("Max", volume, graph.constant(ridge**2))
-    q, r = changes.left
-    own = graph.apply("Mul", graph.apply("Mul", q, q), second)
-    other = graph.apply("Mul", graph.apply("Mul", r, r), first)
-    both = graph.apply("Mul", graph.apply("Mul", q, r), changes.cross)
-    both = graph.apply("Add", both, both)
-    saved = graph.apply("Sub", graph.apply("Add", own, other), both)
+    # Each square with the diagonal of the other axis.
+    other = graph.apply("Gather", held, graph.ints(1, 0), axis=1)
+    own = graph.apply("Mul", graph.apply("Mul", changes.left, changes.left), other)
+    own = graph.apply("ReduceSum", own, graph.ints(1), keepdims=1)
+    both = graph.apply("Mul", graph.apply("ReduceProd", changes.left, axes=[1], keepdims=1), changes.cross)
+    saved = graph.apply("Sub", own, graph.apply("Add", both, both))
     return graph.apply("Div", saved, volume), volume
 
 
-def _averaged(graph: Graph, found: Scored) -> tuple[Scored, str]:
+def _averaged(graph: Graph, found: Scored, changes: _Changes) -> tuple[Scored, str]:
     """Return the misfit R' and the precision a' of places anywhere in each cell, and half the logarithm of |I + G|."""
-    changes = _changes_of(graph, found)
     explained, volume = _explained(graph, changes, 1.0)
     misfit = graph.apply("Max", graph.apply("Sub", found.misfit, explained), graph.constant(0.0))
-    variance = graph.apply("Reciprocal", found.precision)
-    for pulled in changes.pulled:
-        variance = graph.apply("Add", variance, graph.apply("Mul", pulled, pulled))
+    pulled = graph.apply("ReduceSumSquare", changes.pulled, axes=[1], keepdims=1)
+    variance = graph.apply("Add", graph.apply("Reciprocal", found.precision), pulled)
     half_log = graph.apply("Mul", graph.apply("Log", volume), graph.constant(0.5))
     return replace(found, misfit=misfit, precision=graph.apply("Reciprocal", variance)), half_log
 
 
-def _change(graph: Graph, shape: str, axis: int) -> str:
-    """Return the change of a shape (batch, channels, N) across each cell along axis 2 or 3 of the grid of cells."""
+def _steps(graph: Graph, shape: str) -> str:
+    """Return the changes of a shape (batch, channels, N) across each cell along both axes, (batch, 2, channels, N)."""
     grid = graph.apply("Reshape", shape, graph.ints(0, 0, PARTS, PARTS))
-    last, axes = graph.ints(np.iinfo(np.int64).max), graph.ints(axis)
-
-    def cut(values: str, begin: int, end: int | None) -> str:
-        return graph.apply("Slice", values, graph.ints(begin), last if end is None else graph.ints(end), axes)
-
-    steps = graph.apply("Sub", cut(grid, 1, None), cut(grid, 0, -1))
-    # At the rim of a box there is a neighbour on one side only.
-    beside = graph.apply("Concat", cut(steps, 0, 1), steps, cut(steps, -1, None), axis=axis)
-    change = graph.apply("Add", cut(beside, 1, None), cut(beside, 0, -1))
-    change = graph.apply("Mul", change, graph.constant(0.5))
-    return graph.apply("Reshape", change, graph.ints(0, 0, PARTS**2))
+    # Half of what lies between the neighbours; at the rim of a box there is a neighbour on one side only.
+    steps: Floats = np.gradient(np.eye(PARTS), axis=0)
+    along_x = graph.apply("MatMul", graph.constant(steps), grid)
+    along_y = graph.apply("MatMul", grid, graph.constant(steps.T))
+    every = graph.apply("Concat", along_x, along_y, axis=1)
+    return graph.apply("Reshape", every, graph.ints(0, 2, -1, PARTS**2))
 
 
 def _next_box(graph: Graph, posterior: str, box: _Box) -> _Box:
     """Return the box of the likely cells."""
     most = graph.apply("ReduceMax", posterior, axes=[2], keepdims=1)
     share = graph.apply("ReduceMax", graph.apply("Div", posterior, most), axes=[1], keepdims=0)
-    share = graph.apply("Reshape", share, graph.ints(-1, PARTS, PARTS))
-    lows, steps = [], []
-    for axis, (low, step) in enumerate(zip(box.low, box.step, strict=True)):
-        along = graph.apply("ReduceMax", share, axes=[2 - axis], keepdims=0)
-        is_likely = graph.apply("Greater", along, graph.constant(np.exp(-LIKELY)))
-        ends = []
-        for sign, margin, bound, pick in ((1.0, 0.0, BEYOND_ALL, "ReduceMin"), (-1.0, 1.0, -BEYOND_ALL, "ReduceMax")):
-            cells = graph.constant(np.arange(PARTS)[None] - sign + margin)
-            marked = graph.apply("Where", is_likely, cells, graph.constant(bound))
-            end = graph.apply(pick, marked, axes=[1], keepdims=1)
-            ends.append(graph.apply("Clip", end, graph.constant(0.0), graph.constant(float(PARTS))))
-        lows.append(graph.apply("Add", low, graph.apply("Mul", ends[0], step)))
-        count = graph.apply("Mul", graph.apply("Sub", ends[1], ends[0]), graph.constant(1 / PARTS))
-        steps.append(graph.apply("Mul", step, count))
-    return _Box((lows[0], lows[1]), (steps[0], steps[1]))
+    share = graph.apply("Reshape", share, graph.ints(-1, 1, PARTS, PARTS))
+    along = [graph.apply("ReduceMax", share, axes=[axis], keepdims=0) for axis in (3, 2)]
+    is_likely = graph.apply("Greater", graph.apply("Concat", *along, axis=1), graph.constant(np.exp(-LIKELY)))
+    # The first likely cell and less than the last one, (batch, 2, 2), each with a margin.
+    ends = np.arange(PARTS) * np.array([[1.0], [-1.0]]) - np.array([[1.0], [2.0]])
+    is_likely = graph.apply("Unsqueeze", is_likely, graph.ints(2))
+    marked = graph.apply("Where", is_likely, graph.constant(ends), graph.constant(BEYOND_ALL))
+    within = graph.constant([0.0, -float(PARTS)])
+    first = graph.apply("Max", graph.apply("ReduceMin", marked, axes=[3], keepdims=0), within)
+    begin, less = graph.split(first, 2, 2)
+    count = graph.apply("Mul", graph.apply("Add", begin, less), graph.constant(-1 / PARTS))
+    low = graph.apply("Add", box.low, graph.apply("Mul", begin, box.step))
+    return _Box(low, graph.apply("Mul", box.step, count))
 
 
-def _state_misfit(graph: Graph, prior: Prior, found: Scored) -> None:
+def _state_misfit(graph: Graph, prior: Prior, found: Scored, changes: _Changes) -> None:
     """Add the misfit, from the cells of the last box."""
-    explained, _ = _explained(graph, _changes_of(graph, found), FREE)
+    explained, _ = _explained(graph, changes, FREE)
     left = graph.apply("Sub", likely_misfit(graph, prior.force_range, found), explained)
     least = graph.apply("ReduceMin", left, axes=[1, 2], keepdims=0)
     misfit = graph.apply("Max", graph.apply("Add", least, least), graph.constant(0.0))
@@ -328,40 +314,45 @@ def _state_place(graph: Graph, prior: Prior, posterior: str, box: _Box) -> None:
     """Add median and interval along each axis, and the correlation of the two, from the posteriors of the last box."""
     rows = 1 if prior.force_n[0] == prior.force_n[1] else 3
     cells = graph.apply("Reshape", posterior, graph.ints(0, rows, PARTS, PARTS))
+    # Those along x, then those along y.
     marginals = [graph.apply("ReduceSum", cells, graph.ints(axis), keepdims=0) for axis in (3, 2)]
-    for axis, (marginal, low, step) in enumerate(zip(marginals, box.low, box.step, strict=True)):
-        before, mass = graph.apply("CumSum", marginal, graph.index(2), exclusive=1), marginal
-        if rows > 1:
-            of_row = graph.ints(0, 1, 2, 1, 2)
-            before, mass = (graph.apply("Gather", values, of_row, axis=1) for values in (before, marginal))
-        part = graph.apply("Sub", graph.constant(np.array(QUANTILES).reshape(1, -1, 1)), before)
-        part = graph.apply("Div", part, graph.apply("Max", mass, graph.constant(FLATTEST)))
-        part = graph.apply("Clip", part, graph.constant(0.0), graph.constant(1.0))
-        cell = graph.apply("ReduceSum", part, graph.ints(2), keepdims=0)
-        size_mm, (low_mm, _) = float(prior.extent.size_mm[axis]), prior.extent.ranges_mm[axis]
-        share = graph.apply("Add", low, graph.apply("Mul", cell, step))
-        place = graph.apply("Mul", share, graph.constant(size_mm))
-        stated = reaching(graph, place, low_mm, size_mm)
-        names = names_of(PLATE_AXES[axis], "mm")
-        graph.apply("Gather", stated, graph.index(0), axis=1, output=names[0])
-        graph.apply("ReduceMin", stated, axes=[1], keepdims=0, output=names[1])
-        graph.apply("ReduceMax", stated, axes=[1], keepdims=0, output=names[2])
-    _state_correlation(graph, cells, marginals, rows)
+    mass = graph.apply("Concat", *marginals, axis=1)
+    _state_correlation(graph, cells, mass, rows)
+    before = graph.apply("CumSum", mass, graph.index(2), exclusive=1)
+    of_row = graph.ints(*(row for first in (0, rows) for row in first + np.minimum([0, 1, 2, 1, 2], rows - 1)))
+    before, mass = (graph.apply("Gather", values, of_row, axis=1) for values in (before, mass))
+    part = graph.apply("Sub", graph.constant(np.reshape(QUANTILES * 2, (-1, 1))), before)
+    part = graph.apply("Div", part, graph.apply("Max", mass, graph.constant(FLATTEST)))
+    part = graph.apply("Clip", part, graph.constant(0.0), graph.constant(1.0))
+    cell = graph.apply("ReduceSum", part, graph.ints(2), keepdims=0)
+    cell = graph.apply("Reshape", cell, graph.ints(-1, 2, len(QUANTILES)))
+    share = graph.apply("Add", box.low, graph.apply("Mul", cell, box.step))
+    place = graph.apply("Mul", share, graph.constant(prior.extent.size_mm[:, None]))
+    stated = reaching(graph, place, *prior.extent.ranges_mm)
+    every = (
+        graph.apply("Gather", stated, graph.index(0), axis=2),
+        graph.apply("ReduceMin", stated, axes=[2], keepdims=0),
+        graph.apply("ReduceMax", stated, axes=[2], keepdims=0),
+    )
+    for number, axis in enumerate(PLATE_AXES):
+        for values, name in zip(every, names_of(axis, "mm"), strict=True):
+            graph.apply("Gather", values, graph.index(number), axis=1, output=name)
 
 
-def _state_correlation(graph: Graph, cells: str, marginals: list[str], rows: int) -> None:
-    """Add the correlation of the two coordinates, from the posterior of the intervals."""
-    row, number = graph.index(min(rows - 1, 1)), graph.constant(np.arange(PARTS)[None])
-    away, variances = [], []
-    for marginal in marginals:
-        mass = graph.apply("Gather", marginal, row, axis=1)
-        mean = graph.apply("ReduceSum", graph.apply("Mul", mass, number), graph.ints(1), keepdims=1)
-        away.append(graph.apply("Sub", number, mean))
-        square = graph.apply("Mul", mass, graph.apply("Mul", away[-1], away[-1]))
-        variance = graph.apply("ReduceSum", square, graph.ints(1), keepdims=0)
-        variances.append(graph.apply("Max", variance, graph.constant(1 / 12)))
-    mass = graph.apply("Gather", cells, row, axis=1)
-    across = graph.apply("Unsqueeze", away[0], graph.ints(1))
-    both = graph.apply("MatMul", graph.apply("MatMul", across, mass), graph.apply("Unsqueeze", away[1], graph.ints(2)))
-    scale = graph.apply("Sqrt", graph.apply("Mul", *variances))
-    graph.apply("Div", graph.apply("Squeeze", both, graph.ints(1, 2)), scale, output=CORRELATION_OUTPUT)
+def _state_correlation(graph: Graph, cells: str, marginals: str, rows: int) -> None:
+    """Add the correlation of the two coordinates, from the posterior of the intervals.
+
+    `cells` are (batch, rows, PARTS, PARTS), and `marginals` (batch, 2 rows, PARTS) those along x before those along y.
+    """
+    row, number = min(rows - 1, 1), graph.constant(np.arange(PARTS))
+    mass = graph.apply("Gather", marginals, graph.ints(row, rows + row), axis=1)
+    mean = graph.apply("ReduceSum", graph.apply("Mul", mass, number), graph.ints(2), keepdims=1)
+    away = graph.apply("Sub", number, mean)
+    square = graph.apply("Mul", mass, graph.apply("Mul", away, away))
+    variances = graph.apply("ReduceSum", square, graph.ints(2), keepdims=0)
+    variances = graph.apply("Max", variances, graph.constant(1 / 12))
+    scale = graph.apply("Sqrt", graph.apply("ReduceProd", variances, axes=[1], keepdims=0))
+    across, beside = graph.split(away, 2, 1)
+    both = graph.apply("MatMul", across, graph.apply("Gather", cells, graph.index(row), axis=1))
+    both = graph.apply("ReduceSum", graph.apply("Mul", both, beside), graph.ints(1, 2), keepdims=0)
+    graph.apply("Div", both, scale, output=CORRELATION_OUTPUT)
