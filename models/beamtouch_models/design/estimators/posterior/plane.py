@@ -275,7 +275,8 @@ def _steps(graph: Graph, shape: str) -> str:
     """Return the changes of a shape (batch, channels, N) across each cell along both axes, (batch, 2, channels, N)."""
     grid = graph.apply("Reshape", shape, graph.ints(0, 0, PARTS, PARTS))
     # Half of what lies between the neighbours; at the rim of a box there is a neighbour on one side only.
-    steps: Floats = np.gradient(np.eye(PARTS), axis=0)
+    steps = (np.eye(PARTS, k=1) - np.eye(PARTS, k=-1)) / 2
+    steps[[0, -1]] = np.eye(PARTS, k=1)[0] - np.eye(PARTS)[0], np.eye(PARTS)[-1] - np.eye(PARTS, k=-1)[-1]
     along_x = graph.apply("MatMul", graph.constant(steps), grid)
     along_y = graph.apply("MatMul", grid, graph.constant(steps.T))
     every = graph.apply("Concat", along_x, along_y, axis=1)
