@@ -1,5 +1,6 @@
 """Settings of the test run, and fixtures of several folders: models and simulated boards, built once per run."""
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -61,6 +62,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     The rest are mixed, always in the same way: tests of some folders only wait, and those of others only compute.
     """
     items.sort(key=lambda item: (item.get_closest_marker("long") is None, crc32(item.nodeid.encode())))
+
+
+def pytest_collection_finish() -> None:
+    """Leave out of each search for garbage what stays: thousands of tests, and all modules."""
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

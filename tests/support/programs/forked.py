@@ -6,6 +6,7 @@ interpreter. Tutorial, guides and demo start each command as a user does.
 """
 
 import contextlib
+import gc
 import importlib
 import multiprocessing
 import multiprocessing.connection
@@ -121,6 +122,8 @@ def _run(
     code: str,
 ) -> None:
     """Be the command, in a forked process."""
+    # What was imported beforehand stays shared: a search for garbage would touch, and so copy, all of it.
+    gc.freeze()
     for number, stream in enumerate(streams):
         os.dup2(stream.fileno(), number)
         stream.close()
