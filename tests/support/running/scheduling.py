@@ -4,21 +4,27 @@ from xdist.scheduler import LoadScopeScheduling
 
 TOGETHER = (
     "common/test_extras.py",
+    "daemon/test_asked_service.py",
     "models/test_build_report.py",
     "models/test_calibration.py",
     "models/test_false_alarms.py",
+    "models/test_measured_skins.py",
     "models/test_rig.py",
+    "models/test_rig_serial.py",
     "models/test_self_calibration.py",
     "models/test_since_touch.py",
     "models/test_small_network.py",
     "models/test_trade.py",
+    "models/test_units.py",
     # Pages share a browser; started for each test, it would take longer than most of them. One for all modules would
     # keep its event loop running beside other tests.
     "models/test_pictures.py",
     "process/test_page.py",
     "process/test_page_beam.py",
     "process/test_page_behind_proxies.py",
+    "process/test_page_commissioning.py",
     "process/test_page_doubt.py",
+    "process/test_page_plate.py",
     "process/test_page_token.py",
     "system/test_images.py",
 )
