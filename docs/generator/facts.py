@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterable
 from contextlib import closing, suppress
+from functools import cache
 from typing import Any
 
 from prometheus_client.metrics import MetricWrapperBase
@@ -26,6 +27,7 @@ _MOST_LABELS = 4
 """No metric has more."""
 
 
+@cache
 def openapi() -> dict[str, Any]:
     """Return the OpenAPI description of the service."""
     recorder = Recorder()

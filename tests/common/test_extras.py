@@ -37,11 +37,17 @@ def needed(distribution: str, extras: frozenset[str]) -> set[str]:
     return set(found)
 
 
-def imported(package: str, without: tuple[str, ...]) -> set[str]:
-    """Return the modules of other distributions that a package imports anywhere, also through our other packages."""
-    graph = grimp.build_graph(
+@cache
+def imports() -> grimp.ImportGraph:
+    """Return which module imports which; it takes seconds to read all of them."""
+    return grimp.build_graph(
         *PACKAGES, include_external_packages=True, exclude_type_checking_imports=True, cache_dir=None
     )
+
+
+def imported(package: str, without: tuple[str, ...]) -> set[str]:
+    """Return the modules of other distributions that a package imports anywhere, also through our other packages."""
+    graph = imports()
     names = [name for name in graph.modules if f"{name}.".startswith(f"{package}.") and not name.startswith(without)]
     ahead, seen = [name for name in names if not name.endswith("__main__")], set[str]()
     while ahead:
