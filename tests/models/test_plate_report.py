@@ -23,7 +23,7 @@ PLACES = [(25.0, 25.0), (25.0, 275.0), (375.0, 25.0), (375.0, 275.0)]
 
 def gathered() -> Facts:
     """Return what the report of a plate has, with little effort."""
-    few = {"grid_mm": 50, "fixed": [{"x_mm": x, "y_mm": y} for x, y in PLACES[:1]]}
+    few = {"grid_mm": 100, "fixed": [{"x_mm": x, "y_mm": y} for x, y in PLACES[:1]]}
     kept_out = [{"x_mm": [150.0, 250.0], "y_mm": [100.0, 200.0]}]
     scene = change_scene(read_scene(SCENES / "plate-on-springs.toml"), sensors=few | {"keep_out": kept_out})
     layout = resolve(scene).layout(PLACES)

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from beamtouch_common.commands import WRONG_INPUT
 from beamtouch_models import cli, load_model
-from support.surfaces.example_scenes import INSTEAD, OPTIONS, PLAIN, ROUGH, Tables
+from beamtouch_models.design.effort import LEAST
+from support.surfaces.example_scenes import INSTEAD, OPTIONS, PLAIN, Tables
 from support.surfaces.wrong_numbers import numbers_in, with_value
 
 SUPPORTS = [
@@ -47,7 +48,7 @@ def run(*arguments: str) -> tuple[int, str, str]:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
         warnings.simplefilter("error")
-        code = cli.main([*arguments, "--effort", str(ROUGH)])
+        code = cli.main([*arguments, "--effort", str(LEAST)])
     return code, out.getvalue(), err.getvalue()
 
 

@@ -68,22 +68,23 @@ def test_the_searches_reach_the_least_error_of_all_layouts(supports: str, failed
 
 
 @pytest.mark.parametrize("sensors", [3, 4])
-def test_every_seed_ends_at_the_layout_that_a_brute_force_knows_where_the_force_is_known(sensors: int) -> None:
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.soak)])
+def test_every_seed_ends_at_the_layout_that_a_brute_force_knows_where_the_force_is_known(
+    sensors: int, seed: int
+) -> None:
     """Limits and worst failures in percent, from code that knows nothing of this project: 4 sensors in two pairs 2.60
     and 3.3, all other minima 2.9 and more; 3 sensors 3.5 and 5.9, where the least error of all has 21 with one failed.
     """
     limit_percent, worst_percent = {3: (3.5, 5.9), 4: (2.6, 3.3)}[sensors]
-    surface = resolve(paper_scene(size_mm=8.0))
-    for seed in range(2):
-        layout = surface.place(sensors, seed=seed)
-        found = limit.accuracy_limit(layout.prior, 4_000, 9)
-        failed = limit.limits_without(layout.prior, [(index,) for index in range(sensors)], 4_000, 9)
-        assert found.value == pytest.approx(limit_percent, rel=0.02 + 2 * found.standard_error / found.value)
-        assert max(each.limit.value for each in failed) == pytest.approx(worst_percent, rel=0.08)
+    layout = resolve(paper_scene(size_mm=8.0)).place(sensors, seed=seed)
+    found = limit.accuracy_limit(layout.prior, 4_000, 9)
+    failed = limit.limits_without(layout.prior, [(index,) for index in range(sensors)], 4_000, 9)
+    assert found.value == pytest.approx(limit_percent, rel=0.02 + 2 * found.standard_error / found.value)
+    assert max(each.limit.value for each in failed) == pytest.approx(worst_percent, rel=0.08)
 
 
 def test_layouts_against_the_rules_or_that_notice_less_than_the_reference_have_no_score() -> None:
-    stages, reference = stages_for(scene_of(grid_mm=25, min_distance_mm=40), 0.0, count=4)
+    stages, reference = stages_for(scene_of(grid_mm=32, min_distance_mm=48), 0.0, count=4)
     objective = stages.fine
     every = np.array(list(combinations(range(len(objective.rules.place_mm[:, 0])), 4)), dtype=np.intp)
     scores = objective.scores(every)

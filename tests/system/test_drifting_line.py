@@ -21,15 +21,16 @@ def line(model: ModelFile, rested: Rested = TARED) -> Line:
     return Line(model, Surface.model_validate(table), rested=rested)
 
 
+@pytest.mark.parametrize("seconds", [90, pytest.param(180, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(
     ("channels", "every_s"),
-    [(ALL, 2.0), pytest.param(SECOND, 2.0, marks=pytest.mark.long), pytest.param(ALL, 20.0, marks=pytest.mark.long)],
+    [(ALL, 2.0), (SECOND, 2.0), (ALL, 20.0)],
     ids=["all together", "one by itself", "seldom touched"],
 )
 def test_a_drift_of_5_um_a_minute_costs_no_contact(
-    channels: tuple[float, ...], every_s: float, bench: ModelFile
+    channels: tuple[float, ...], every_s: float, seconds: int, bench: ModelFile
 ) -> None:
-    said = line(bench).play(Course(180, presses(bench, 180, every_s), drift(5.0, channels)))
+    said = line(bench).play(Course(seconds, presses(bench, seconds, every_s), drift(5.0, channels)))
     assert (said.lost, len(said.wrong), said.false) == (0, 0, 0)
     assert said.share(State.CLEAR) > 0.995
     assert np.mean(said.held) > 0.93
