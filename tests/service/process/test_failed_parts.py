@@ -116,9 +116,9 @@ def test_a_part_that_fails_is_named_and_works_again_once_its_fault_is_gone(
         wait_until(lambda: not part.startswith("mqtt") or metric(service, "connected") == 1)
         fault.touch()
     assert service.post(batch_of(RESTING, TOUCHING, TOUCHING, RESTING)).status_code == 200
-    wait_until(lambda: part in missing(service))
-    assert missing(service)[part] == WORDS
-    assert f'beamtouch_missing{{section="{part}"}} 1.0' in service.get("/metrics").text
+    # It begins again and again, and is not missing until it fails once more: a busy machine may ask just then.
+    wait_until(lambda: missing(service).get(part) == WORDS)
+    wait_until(lambda: f'beamtouch_missing{{section="{part}"}} 1.0' in service.get("/metrics").text)
     wait_until(lambda: failures(service, part) > 1)
     # The others go on, with a sample that is fresh even if all of this took long.
     assert service.post(batch_of(RESTING, sequence=5)).status_code == 200
