@@ -13,7 +13,7 @@ import pytest
 
 from beamtouch_models import cli as design_sensors
 from beamtouch_service import cli
-from service.bench import TOKEN
+from service.bench import READ_TOKEN, TOKEN
 from support.network.certificates import make_certificate
 from support.programs.in_process import Command, command_of
 from support.running.debian_parts import require
@@ -143,6 +143,8 @@ SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1093))
         ("[server]\ncertificate_file = 'c.pem'\n", "server.key_file is missing"),
         ("[server]\nreplica = true\n[events]\nfile = 'events.db'\n", "server.replica: all replicas need one record"),
         ("[server]\nwrite_token_file = 'token'\nread_token_file = 'token'\n", "each purpose needs its own token"),
+        ("[server]\nwrite_token_file = 'named'\nadmin_token_file = 'named-too'\n", "the same name, hall; each token"),
+        ("[server]\ntrusted_proxies = ['proxy.example']\n", "server.trusted_proxies[0]: expected an address such as"),
         ("[events]\nfile = 'lines'\n", "lines: file is not a database; set events.file to one that the service can"),
         ("[events]\nurl = 'mysql://beamtouch:not-for-the-log@db/beamtouch'\n", "must look like postgresql://"),
         ("[events]\nurl = 'postgresql://beamtouch:not-for-the-log@db'\n", "must look like postgresql://"),
@@ -177,6 +179,8 @@ def test_a_wrong_config_is_refused_with_the_place_that_is_wrong(
     refused: Callable[..., str], tmp_path: Path, text: str, complaint: str
 ) -> None:
     (tmp_path / "token").write_text(TOKEN)
+    (tmp_path / "named").write_text(f"hall {TOKEN}")
+    (tmp_path / "named-too").write_text(f"hall {READ_TOKEN}")
     (tmp_path / "lines").write_text("one\ntwo\n" * 200)
     (tmp_path / "service.toml").write_text(text)
     line = refused("run", "--port", 0, "--config", tmp_path / "service.toml")
