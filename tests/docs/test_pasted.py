@@ -96,6 +96,7 @@ CONSOLE = {
     "docs/how-to/measured.md": 4,  # a person puts loads on the structure
     "docs/how-to/plates.md": 2,  # it takes a minute, and known loads
     "docs/how-to/mqtt.md": 3,  # a broker
+    "docs/how-to/micropython-board.md": 2,  # a board
     "docs/how-to/opcua.md": 1,  # the name of a host
     "docs/how-to/sweeps.md": 1,  # a cluster
     "docs/how-to/troubleshooting.md": 2,  # systemd, a serial line
