@@ -29,6 +29,7 @@ MODULES = (
     *("uvicorn.protocols.http.httptools_impl", "pydantic.v1", "statistics", "tomllib"),
     *("numpy.typing", "prometheus_client", "pydantic.main", "paho.mqtt.client", "pymodbus.framer"),
     *("beamtouch_service.cli", "beamtouch_service.host.setup", "beamtouch_service.api.app"),
+    *("asyncua.server", "beamtouch_service.outputs.opcua.server"),
     *("beamtouch_daemon.cli", "beamtouch_daemon.running.daemon"),
     *(f"beamtouch_daemon.commands.{name}" for name in ("check", "noise", "record", "run", "scan", "tare")),
     *("beamtouch_models.runtime.loading", "beamtouch_models.lab.rig.cli", "beamtouch_models.lab.rig.run"),
