@@ -1,14 +1,22 @@
 """Structures of two axes whose influence was measured: models of skins, and tables that are refused."""
 
+import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from beamtouch_models import Model, change_scene, load_model, resolve
+from beamtouch_models.design.building.build import build_model
 from beamtouch_models.design.building.remarks import remarks
+from beamtouch_models.design.building.report.facts import gather
+from beamtouch_models.design.building.report.page import page
+from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.physics.measured_structure import measured_structure_of
-from beamtouch_models.errors import InputError
+from beamtouch_models.errors import InputError, SceneError
+from beamtouch_models.lab.rig.surface import Imperfections, VirtualSurface
 from support.programs.in_process import Command, Refusal
 from support.surfaces.magnet_skin import (
     NOISE_UT,
@@ -59,6 +67,38 @@ def test_a_model_of_a_skin_holds_its_table(tmp_path: Path, design_sensors_roughl
     stored = load_model(tmp_path / "skin.onnx")
     assert stored.metadata.scene.count("\n") > len(ROWS)
     assert set(stored.channels) == set(SENSORS_MM)
+
+
+@pytest.mark.soak
+def test_a_report_of_a_skin_has_pictures_from_above_and_no_beam() -> None:
+    layout = resolve(scene_of(GOOD)).place()
+    built = build_model(replace(layout, aim=replace(layout.aim, effort=Effort(0.01))), "skin")
+    text = page(gather(built, lambda _doing, _done: None))
+    assert "beam" not in re.sub(r"(?i)beamtouch", "", text)
+    assert "60 x 40 mm" in text
+    assert "Its supports are not known, as its influence was measured" in text
+    (drawing, *_) = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
+    assert drawing.count('class="sensor') == len(SENSORS_MM)
+
+
+@pytest.mark.soak
+def test_a_skin_is_challenged(tmp_path: Path, design_sensors_roughly: Command, model: Model) -> None:
+    model.save(tmp_path / "skin.onnx")
+    done = design_sensors_roughly("challenge", tmp_path / "skin.onnx", "--draws", "4", "--json")
+    assert done.returncode == 0, done.stderr
+    assert any(row["error_mm"] for row in json.loads(done.stdout)["rows"] if row["honest"])
+
+
+@pytest.mark.parametrize(
+    ("moved", "wanted"),
+    [
+        (Imperfections(x_offset_mm=(1.0, 0.0, 0.0, 0.0)), "x_offset_mm is for a plate"),
+        (Imperfections(position_offset_mm=(1.0, 0.0, 0.0, 0.0)), "stay; leave it out"),
+    ],
+)
+def test_sensors_of_a_skin_stay_where_they_were_measured(moved: Imperfections, wanted: str, model: Model) -> None:
+    with pytest.raises(SceneError, match=wanted):
+        VirtualSurface(scene_of(GOOD), model.metadata, 0, moved)
 
 
 @pytest.mark.soak

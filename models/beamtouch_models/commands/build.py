@@ -53,12 +53,6 @@ class _Asked:
 def run(options: argparse.Namespace) -> Result:
     """Build, write the requested files, and return the metadata of the model."""
     asked = _read(options)
-    is_plane = len(asked.scene.contact.ranges_mm) > 1
-    if options.report and is_plane and asked.scene.measured is not None:
-        raise SceneError(
-            "--report: the page knows measured structures of one axis only; leave it out, and let `place` and "
-            "`inspect` say the rest"
-        )
     config: Path | None = options.daemon_config
     # A rebuilt model may replace the old one.
     source: Path = options.loads or options.scene
@@ -80,8 +74,7 @@ def run(options: argparse.Namespace) -> Result:
         write_products(built, model=options.output, config=config, report=options.report, progress=progress)
     if config is not None:
         files = source, options.output, write_token_if_absent(config.parent), config
-        has_rig = not is_plane or asked.scene.plate is not None  # it plays no measured structure of two axes
-        told = how_to_try(*(shlex.quote(str(path)) for path in files), is_recorded=bool(options.loads), has_rig=has_rig)
+        told = how_to_try(*(shlex.quote(str(path)) for path in files), is_recorded=bool(options.loads))
         print(told, file=sys.stderr)
     surface, metadata = layout.surface, built.metadata
     note(
@@ -97,18 +90,11 @@ def run(options: argparse.Namespace) -> Result:
     return describe(loading.load_bytes(built.content, str(options.output)))
 
 
-def how_to_try(source: str, model: str, token: str, config: str, *, is_recorded: bool, has_rig: bool) -> str:
+def how_to_try(source: str, model: str, token: str, config: str, *, is_recorded: bool) -> str:
     """Return the commands that run a model; loads were recorded with a configuration that knows the real channels."""
     rig = f"beamtouch-rig {source} --model {model} --modbus-tcp 127.0.0.1:5020"
     service = f"beamtouch-service run --model {model} --write-token-file {token}"
     lines = [rig, service, f"beamtouch-daemon run {config}"]
-    if not has_rig:
-        lines = [
-            service,
-            f"state the source and the channels of your sensors in {config}, then",
-            f"beamtouch-daemon tare {config}",
-            f"beamtouch-daemon run {config}",
-        ]
     if is_recorded:
         lines = [
             service,

@@ -36,7 +36,7 @@ def shown_progress() -> Iterator[Progress]:
         yield lambda doing, done: display.update(task, description=doing, completed=done)
 
 
-def require_one_axis(axes: Sequence[str], origin: object, command: str, what: str = "models") -> None:
-    """Raise InputError, which begins with `origin`, if one of `what` has more axes than the command knows."""
+def require_one_axis(axes: Sequence[str], origin: object, command: str) -> None:
+    """Raise InputError, which begins with `origin`, if a model has more axes than the command knows."""
     if len(axes) > 1:
-        raise InputError(f"{origin}: its axes are {' and '.join(axes)}, and {command} knows {what} of one axis only")
+        raise InputError(f"{origin}: its axes are {' and '.join(axes)}, and {command} knows models of one axis only")

@@ -8,8 +8,7 @@ from dataclasses import replace
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
-from beamtouch_common.outline import axes_of
-from beamtouch_models.commands.shared import folder_of, require_one_axis, shown_progress, surface_name
+from beamtouch_models.commands.shared import folder_of, shown_progress, surface_name
 from beamtouch_models.commands.workers import spread_over
 from beamtouch_models.design.building.build import build_model
 from beamtouch_models.design.building.remarks import remarks
@@ -31,8 +30,6 @@ def run(options: argparse.Namespace) -> Result:
         if value is not None and not 0 < value < math.inf:
             raise InputError(f"{option} {value:g}: give a positive number")
     effort, (scene, text) = Effort(options.effort), load_scene(options.scene)
-    if scene.measured is not None:
-        require_one_axis(axes_of(scene.measured.axes), options.scene, "trade", "measured structures")
     note(*remarks(scene))
     folder, name = folder_of(options.output), surface_name(options.scene)
     if (options.latency_ms, options.error_mm) != (None, None):
@@ -40,7 +37,7 @@ def run(options: argparse.Namespace) -> Result:
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         measured_trade = trade(
             scene,
-            options.estimators or (ESTIMATORS if scene.plate is None else ESTIMATORS[:1]),  # networks know one axis
+            options.estimators or (ESTIMATORS[:1] if scene.has_two_axes else ESTIMATORS),  # networks know one axis
             draws=options.draws,
             seed=options.seed,
             spread=spread,

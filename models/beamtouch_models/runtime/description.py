@@ -1,5 +1,6 @@
 """A model file in words, for every command that describes one."""
 
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 
@@ -36,6 +37,9 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     gaps = f"linear over {values} of {sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} {unit}"
     least, most = str(chosen.window), "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
     mm, is_beam = metadata.diagonal_mm / 100, len(metadata.axes) == 1
+    # Sensors of a measured structure stand where they were measured.
+    kept = f"fixed_mm = {metadata.layout_mm.tolist()} in [sensors] keeps them there"
+    is_placed = is_beam and "measured" not in tomllib.loads(metadata.scene)
     origin, whole = ("left end", "length") if is_beam else ("corner", "diagonal")
     error = with_error(accuracy.error_percent * mm, accuracy.error_standard_error * mm, unit=" mm")
     best = with_error(accuracy.limit_percent * mm, accuracy.limit_standard_error * mm, unit=" mm")
@@ -50,7 +54,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
             "sensors",
             f"{layout} mm from the {origin}; at least {metadata.min_channels} must work",
         ),
-        *([("mounted", f"fixed_mm = {metadata.layout_mm.tolist()} in [sensors] keeps them there")] if is_beam else []),
+        *([("mounted", kept)] if is_placed else []),
         ("contact", f"{where}, with {force}"),
         ("error", f"{error} on average ({share} % of the {whole}){_of_what(metadata)}"),
         ("limit", f"{best}, the best possible with these sensors; error over limit {ratio}"),

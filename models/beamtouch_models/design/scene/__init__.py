@@ -126,6 +126,11 @@ class Scene(Strict):
         return self.stated_beam is not None
 
     @property
+    def has_two_axes(self) -> bool:
+        """True if places have two axes, as on a plate or a skin."""
+        return len(self.contact.ranges_mm) > 1
+
+    @property
     def is_computed(self) -> bool:
         """True if theory computes the structure; otherwise it is measured, or a script gives its influence function."""
         return self.stated_beam is not None or self.plate is not None

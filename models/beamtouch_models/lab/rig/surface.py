@@ -116,11 +116,12 @@ class VirtualSurface:
         self.sensor, self.channels = model.sensor, len(model.layout)
         self.axes, of_plate = axes_of(len(scene.size_mm)), scene.plate is not None
         departures = imperfections.departures(self.channels, direction_of(scene.unit), of_plate=of_plate)
-        true_mm = in_rows(model.layout_mm + departures.offsets_mm, len(self.axes))
-        if not np.all((true_mm >= 0) & (true_mm <= scene.size_mm)):
-            key, what = ("x_offset_mm or y_offset_mm", "plate") if of_plate else ("position_offset_mm", "beam")
-            raise SceneError(f"{key} moves a sensor off the {what}")
-        if scene.measured is not None and any(departures.position_offset_mm):
+        if scene.measured is None:
+            true_mm = in_rows(model.layout_mm + departures.offsets_mm, len(self.axes))
+            if not np.all((true_mm >= 0) & (true_mm <= scene.size_mm)):
+                key, what = ("x_offset_mm or y_offset_mm", "plate") if of_plate else ("position_offset_mm", "beam")
+                raise SceneError(f"{key} moves a sensor off the {what}")
+        elif any(departures.position_offset_mm):
             raise SceneError("position_offset_mm is for a beam; the sensors of a measured structure stay; leave it out")
         if imperfections.damping_ratio is not None:
             if not scene.is_computed:

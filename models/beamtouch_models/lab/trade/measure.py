@@ -113,8 +113,8 @@ def numbers_of_sensors(scene: Scene) -> list[int]:
     count, most = scene.count_range
     fewest = scene.fewest
     if count == most:
-        # Two of a plate leave a curve of places, as a contact has three unknowns.
-        least = MIN_SENSORS + (1 if scene.plate is None else 2)
+        # Two on a plane leave a curve of places, as a contact has three unknowns.
+        least = MIN_SENSORS + (2 if scene.has_two_axes else 1)
         around = max(least, count - AROUND, len(scene.sensors.fixed_mm) + len(scene.sensors.fixed))
         fewest, most = min(count, around), count + 1
         if scene.measured is not None:

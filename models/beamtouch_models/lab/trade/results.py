@@ -35,7 +35,7 @@ def _small(model: MeasuredModel) -> tuple[str, float]:
 
 def _noun(model: MeasuredModel) -> str:
     """Return the word for its structure."""
-    return "beam" if model.task.scene.plate is None else "plate"
+    return "plate" if model.task.scene.has_two_axes else "beam"
 
 
 def blocks(trade: Trade, scene: str, seed: int, model: str) -> list[Block]:

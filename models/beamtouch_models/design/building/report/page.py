@@ -116,17 +116,17 @@ def _place(stated: float | list[float]) -> str:
 def _drawing(facts: Facts) -> tuple[str, str]:
     """Return the picture of the structure and the sentences of its caption."""
     scene, metadata = facts.scene, facts.model.metadata
-    if scene.plate is None:
+    if not scene.has_two_axes:
         drawing, caption = beam_drawing(scene, metadata)
         return drawing, (
             "The beam at rest, to scale along its length, in mm from its left end; supports are symbols, and sensors "
             f"as wide as their housings. {caption}"
         )
-    drawing, caption = plate_drawing(scene, scene.plate, metadata)
-    return drawing, (
-        f"The plate from above, to scale, with sensors as wide as their housings; {caption}. Supports: "
-        f"{supports_in_words(scene.plate)}"
-    )
+    drawing, caption = plate_drawing(scene, metadata)
+    held = "Its supports are not known, as its influence was measured"
+    if scene.plate is not None:
+        held = f"Supports: {supports_in_words(scene.plate)}"
+    return drawing, f"The plate from above, to scale, with sensors as wide as their housings; {caption}. {held}"
 
 
 def _marked(text: str) -> Markup:

@@ -103,7 +103,7 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
         Part(
             "sensors",
             f"{len(metadata.layout)}, all alike",
-            f"housings at most {scene.sensors.size_mm:g} mm wide{'' if scene.plate else ' along the beam'}",
+            f"housings at most {scene.sensors.size_mm:g} mm wide{'' if scene.has_two_axes else ' along the beam'}",
             _source(stated="size_mm" in scene.sensors.model_fields_set),
         ),
         Part(
@@ -115,7 +115,7 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
         Part(
             "gap at rest" if unit == MM else "value at rest",
             f"{digits(sensor.standoff_mm, 3)} {unit}",
-            f"set it with the {'plate' if scene.plate else 'beam'} in place; with "
+            f"set it with the {'plate' if scene.has_two_axes else 'beam'} in place; with "
             f"{metadata.ranges.force_n[1]:g} N lying on it, sensors see "
             f"{digits(min(ends_mm), 3)} to {digits(max(ends_mm), 3)} {unit}",
             "computed" if scene.sensors.standoff_mm is None else "stated",
@@ -198,7 +198,8 @@ def _of_measured(scene: Scene) -> Iterator[Part]:
     if scene.measured is not None:
         loads = scene.measured.loads
         told = f"its influence was measured with {len(loads.force_n)} loads at {len(loads.names)} sensors"
-        yield Part("structure", f"{scene.length_mm:g} mm long", told, "stated")
+        size = " x ".join(f"{length_mm:g}" for length_mm in scene.size_mm)
+        yield Part("structure", f"{size} mm", told, "stated")
 
 
 def _of_errors(scene: Scene, readings: ReadingErrors, unit: str) -> Iterator[Part]:
@@ -232,13 +233,14 @@ def shows_mm(surface: Surface, metadata: Metadata) -> float:
 
 
 def _mounting(surface: Surface, metadata: Metadata) -> Part:
+    along = "" if surface.scene.has_two_axes else " along the beam"
     sensors, most_mm = surface.scene.sensors, shows_mm(surface, metadata)
     tolerance_mm = sensors.mounting_tolerance_mm
     shows = f"; one that is {digits(most_mm, 2)} mm off shows over the noise" if np.isfinite(most_mm) else ""
     return Part(
         "mounting",
         f"± {tolerance_mm:g} mm" if tolerance_mm else "exact",
-        f"places{'' if surface.scene.plate else ' along the beam'}{shows}: measure where it stands, or calibrate",
+        f"places{along}{shows}: measure where it stands, or calibrate",
         _source(stated="mounting_tolerance_mm" in sensors.model_fields_set),
     )
 
@@ -248,6 +250,6 @@ def _temperature(scene: Scene) -> Part:
     return Part(
         "temperature",
         "constant" if range_k is None else f"{range_k[0]:+g} to {range_k[1]:+g} K",
-        f"beside that at which the {'plate' if scene.plate else 'beam'} is mounted",
+        f"beside that at which the {'plate' if scene.has_two_axes else 'beam'} is mounted",
         _source(stated=range_k is not None),
     )

@@ -78,18 +78,19 @@ class FromAbove:
         return self.area(paint, (0.0, self.size_mm[0]), (0.0, self.size_mm[1]))
 
 
-def plate_drawing(scene: Scene, plate: Plate, metadata: Metadata) -> tuple[str, str]:
+def plate_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
     """Draw the layout of a plate from above: supports, keep-outs, extent of the contacts, and sensors.
 
     Returns
     -------
     The drawing as an `<svg>` element, without a background, and its caption.
     """
-    px = FromAbove.within(plate.size_mm, MARGIN, MARGIN / 2, WIDTH - 2 * MARGIN)
+    px = FromAbove.within(metadata.size_mm, MARGIN, MARGIN / 2, WIDTH - 2 * MARGIN)
     places = ", ".join(
         f"{channel.name} at {channel.position_mm:g}, {channel.across_mm:g} mm" for channel in metadata.layout
     )
-    says = f"The plate from above, {plate.length_x_mm:g} by {plate.length_y_mm:g} mm, to scale. Sensors: {places}."
+    size = " by ".join(f"{length_mm:g}" for length_mm in metadata.size_mm)
+    says = f"The plate from above, {size} mm, to scale. Sensors: {places}."
     x_mm, y_mm = metadata.extent.ranges_mm
     parts = [
         opening("drawing", WIDTH, px.bottom + LOWER, says),
@@ -97,12 +98,15 @@ def plate_drawing(scene: Scene, plate: Plate, metadata: Metadata) -> tuple[str, 
         px.whole(stroke("ink", "rim", width=1.4)),
         *_keep_outs(scene, px),
         px.area(f'{stroke("s1", "contacts", width=1.2)} stroke-dasharray="6 4"', x_mm, y_mm),
-        *_supports(plate, px),
+        *([] if scene.plate is None else _supports(scene.plate, px)),
         *_sensors(scene, metadata, px),
         *_ruler(px),
         "</svg>",
     ]
     ruled = "; shaded with a word: no sensors there" if scene.sensors.keep_out else ""
+    if scene.plate is None:
+        return "\n".join(parts), f"dashed: contacts lie within{ruled}"
+    plate = scene.plate
     held = "triangles" if any(support.stiffness_n_per_mm is None for support in plate.support_list) else "zigzags"
     if plate.is_sprung and held == "triangles":
         held = "triangles, on springs zigzags"
