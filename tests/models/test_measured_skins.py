@@ -84,7 +84,7 @@ def test_a_report_of_a_skin_has_pictures_from_above_and_no_beam() -> None:
 @pytest.mark.soak
 def test_a_skin_is_challenged(tmp_path: Path, design_sensors_roughly: Command, model: Model) -> None:
     model.save(tmp_path / "skin.onnx")
-    done = design_sensors_roughly("challenge", tmp_path / "skin.onnx", "--draws", "4", "--json")
+    done = design_sensors_roughly("challenge", tmp_path / "skin.onnx", "--draws", "10", "--json")
     assert done.returncode == 0, done.stderr
     assert any(row["error_mm"] for row in json.loads(done.stdout)["rows"] if row["honest"])
 
