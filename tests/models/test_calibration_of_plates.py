@@ -10,7 +10,7 @@ from beamtouch_models.design.calibration.calibrate import checked_fit
 from beamtouch_models.design.calibration.doubts import common_in_words
 from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
-from beamtouch_models.design.calibration.recordings import Loads, read_loads
+from beamtouch_models.design.calibration.recordings import EXCHANGED, Loads, read_loads
 from beamtouch_models.design.calibration.session import Session
 from beamtouch_models.design.calibration.swapped import OTHER_CORNER, swapped
 from beamtouch_models.design.rows import RecordingError
@@ -93,6 +93,9 @@ def test_another_corner_and_swapped_cables_are_named(model: ModelFile, loads: Lo
     other = replace(loads, place_mm=np.array([400.0, 0.0]) + np.array([-1.0, 1.0]) * loads.place_mm)
     assert swapped(nominal, other, names) == OTHER_CORNER
     crossed = replace(loads, measured_mm=loads.measured_mm[:, [1, 0, 2, 3]])
+    inside = loads[np.all(loads.place_mm <= 290, axis=1)]
+    exchanged = replace(inside, place_mm=inside.place_mm[:, ::-1])
+    assert swapped(nominal, exchanged, names) == EXCHANGED
     assert "s1 and s2 seem to be swapped" in (swapped(nominal, crossed, names) or "")
     assert swapped(nominal, loads, names) is None
 
@@ -107,6 +110,14 @@ def test_a_file_of_a_beam_and_places_off_the_range_are_refused(model: ModelFile,
     path.write_text("\n".join([f"load,x_mm,y_mm,force_n,{columns}", *rows, ""]))
     with pytest.raises(RecordingError, match=r"load 0 at \(5, 100\) mm is not within 10..390 by 10..290 mm"):
         read_loads(path, model.metadata)
+    exchanged = [
+        f"{number},{x},{y},10,0.1,0.1,0.1,0.1" for number, x, y in ((1, 100, 350), (2, 30, 30)) for _ in range(6)
+    ]
+    path.write_text("\n".join([f"load,x_mm,y_mm,force_n,{columns}", *exchanged, ""]))
+    with pytest.raises(
+        RecordingError, match=r"load 1 at .* 10..290 mm; the columns x_mm and y_mm seem to be exchanged"
+    ):
+        read_loads(path, model.metadata)
     path.write_text("\n".join([f"load,x_mm,y_mm,force_n,{columns}", *rows[6:], *rows[-6:], ""]).replace("\n3,", "\n4,"))
     with pytest.raises(RecordingError, match="different places over 0% of the range cannot determine a fit"):
         read_loads(path, model.metadata)
@@ -119,4 +130,6 @@ def test_contacts_of_unknown_places_are_for_one_axis(
     events.write_text("event\n")
     done = design_sensors_here("calibrate", plate_model, "--events", events, "-o", tmp_path / "new.onnx")
     assert done.returncode == 2
-    assert "its axes are x and y, and calibrate --events knows models of one axis only" in done.stderr
+    assert (
+        "contacts of unknown place and force do not tell the springs of a plate from gains; record known" in done.stderr
+    )

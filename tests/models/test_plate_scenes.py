@@ -162,6 +162,7 @@ def test_explain_prices_what_plates_have(design_sensors_here: Command) -> None:
     ("supports", "told"),
     [
         ('"corners"', "stands on rigid supports: places are told by small ratios of deflections"),
+        ('"corners"\nsupport_stiffness_n_per_mm = 1e6', "stands on springs of 1e+06 N/mm, as on rigid ones: places"),
         ('"edges"', "is held along lines: hardly any place is told from another there"),
     ],
 )

@@ -231,3 +231,14 @@ def test_the_map_of_a_model_that_cannot_be_read_is_refused_in_one_line(
 ) -> None:
     assert cli.main(["registers", "--model", str(tmp_path / "none.onnx")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_command_refuses_a_model_that_it_cannot_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its blocks would have the axes of a beam, and the model may be of a plate."""
+    path, model = tmp_path / "service.toml", tmp_path / "plate.onnx"
+    path.write_text(f'[surfaces.plate]\nmodel = "{model}"\n')
+    model.write_bytes(b"no model")
+    assert cli.main(["registers", "--config", str(path)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert f"model {model}" in printed.err

@@ -57,6 +57,11 @@ def run(options: argparse.Namespace) -> Result:
     """Calibrate and write the model; the result is the departures with the errors or misfits before and after."""
     model = loading.load(options.model)
     if options.events is not None:
+        if resolve_model(model.metadata).scene.plate is not None:
+            raise InputError(
+                f"{options.model}: contacts of unknown place and force do not tell the springs of a plate from gains; "
+                "record known loads instead (beamtouch-daemon record), a dozen are enough"
+            )
         require_one_axis(model.metadata.axes, options.model, "calibrate --events")
     require_writable([options.output], [options.readings, options.events])
     require_model(options.output)

@@ -29,13 +29,14 @@ def load(path: Path) -> ModelFile:
 def name_axes(surface: str, path: Path | None) -> tuple[str, tuple[str, ...]]:
     """Return the name of a surface, or of its model if it has none, and the axes of its model.
 
-    Without a model that can be used, they are those of a beam, as in a service. Raises InputError if it gives the name.
+    Without a model, or before its file is there, they are those of a beam, as in a service. Raises InputError if the
+    model cannot be read, or gives the name and is not there.
     """
+    if surface and path and not path.exists():
+        return surface, BEAM_AXES
     try:
         metadata = load(path).metadata if path else None
     except ModelFileError as error:
-        if surface:
-            return surface, BEAM_AXES
         raise InputError(f"model {error}") from None
     return (surface or metadata.name, tuple(metadata.axes)) if metadata else (surface, BEAM_AXES)
 

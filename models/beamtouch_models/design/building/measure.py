@@ -25,6 +25,7 @@ from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.estimators.estimator import Estimator
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.placement.placing import Aim
+from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.surface import Surface
 from beamtouch_models.design.world import World
 from beamtouch_models.errors import NotGoodEnoughError
@@ -74,7 +75,7 @@ def measure(estimator: Estimator, prior: Prior, surface: Surface, world: World, 
     run = runner(to_bytes(estimator.graph))
     try:
         draws = aim.effort.of(ACCURACY_DRAWS, LEAST_DRAWS)
-        reached = reach(estimator, prior, run, draws, seed + 2, surface.scene.unit)
+        reached = reach(estimator, prior, run, draws, seed + 2, surface.scene)
     except NotGoodEnoughError as error:
         raise NotGoodEnoughError(f"nothing was written: {error}") from None
     thresholds = thresholds_of(prior, surface)
@@ -113,10 +114,8 @@ def thresholds_of(prior: Prior, surface: Surface) -> Thresholds:
     )
 
 
-def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int, unit: str) -> Reached:
+def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int, scene: Scene) -> Reached:
     """Measure an estimator, whose graph `run` runs, beside the accuracy limit on simulated contacts.
-
-    `unit` is that of the sensors.
 
     Raises
     ------
@@ -140,9 +139,11 @@ def reach(made: Estimator, prior: Prior, run: Run, draws: int, seed: int, unit: 
         and coverage.value + SURE * coverage.standard_error >= MIN_COVERAGE
     ):
         return reached
+    gives_way = scene.plate is None or all(support.stiffness_n_per_mm for support in scene.plate.support_list)
+    advice = "state a larger noise" if gives_way else "put the plate on springs at its corners"
     raise NotGoodEnoughError(
-        f"with {digits(prior.errors.noise_mm, 3)} {unit} of noise the error is {digits(ratio.value, 3)} times the "
-        f"accuracy limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; state a larger noise"
+        f"with {digits(prior.errors.noise_mm, 3)} {scene.unit} of noise the error is {digits(ratio.value, 3)} times "
+        f"the accuracy limit, and {coverage.value:.1%} of positions lie in their 95 % intervals; {advice}"
     )
 
 

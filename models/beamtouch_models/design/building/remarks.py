@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from beamtouch_common.digits import digits
 from beamtouch_common.units import fine
 from beamtouch_models.design.building.table_remarks import remarks_on_table
@@ -18,6 +20,8 @@ TOO_MUCH = 2.0
 """Ratio of the error with one sensor failed to that with all from which a build warns."""
 SINK = 0.45
 """Largest sink of a corner on its spring that is advised, over the length of the sensors' range."""
+GIVES_WAY = 10.0
+"""Stiffness of springs, over that of the softest that are advised, above which a plate hardly moves on them."""
 KNOWN = 2.0
 """Ratio of the largest to the smallest force below which the force is hardly an unknown."""
 SHORT_S = 60.0
@@ -35,17 +39,21 @@ def remarks(scene: Scene) -> list[str]:
 
 def _hard(scene: Scene, plate: Plate) -> Iterator[str]:
     """Yield a remark on supports that make places on a plate hard to tell; plates.md of docs/how-to has the figures."""
-    if all(support.stiffness_n_per_mm is not None for support in plate.support_list):
-        return
     low_mm, high_mm = scene.sensors.range_mm
     softest = at_least(scene.contact.force_range_n[1] / (SINK * (high_mm - low_mm)))
+    stiffness = [support.stiffness_n_per_mm or np.inf for support in plate.support_list]
+    if max(stiffness) <= GIVES_WAY * softest:
+        return
     springs = f'supports = "corners" with support_stiffness_n_per_mm = {softest:g}'
     better = f"on springs at its corners a plate errs far less: try {springs}"
     if any(support.is_line for support in plate.support_list):
         yield f"{_in_words(plate)} is held along lines: hardly any place is told from another there; {better}"
     else:
+        stands = (
+            "rigid supports" if np.isinf(max(stiffness)) else f"springs of {max(stiffness):g} N/mm, as on rigid ones"
+        )
         yield (
-            f"{_in_words(plate)} stands on rigid supports: places are told by small ratios of deflections, worst "
+            f"{_in_words(plate)} stands on {stands}: places are told by small ratios of deflections, worst "
             f"near the supports; {better}"
         )
 

@@ -14,7 +14,7 @@ from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.rows import RecordingError, Row, read_rows
 from beamtouch_models.design.scene.measured_loads import column_of
-from beamtouch_models.places import in_words
+from beamtouch_models.places import Extent, in_words
 from beamtouch_models.runtime.health.changes import DRIFT
 from beamtouch_models.runtime.health.residuals import LoadErrors
 from beamtouch_models.runtime.metadata import Metadata
@@ -32,6 +32,7 @@ MAX_MINUTES = 24 * 60.0
 """Longest recording; if it takes longer, the times of its loads say nothing of their zeros."""
 STATED = LoadErrors(placing_mm=1.0, force=0.01)
 """Errors of loads that a person places by a ruler and weighs on a scale."""
+EXCHANGED = "the columns x_mm and y_mm seem to be exchanged; check them"
 
 
 @dataclass(frozen=True)
@@ -160,6 +161,12 @@ def _deflection_mm(row: Row, channel: str, unit: str) -> float:
     return row.number_in(column) if row.cells[column] and quality == GOOD else np.nan
 
 
+def may_be_exchanged(extent: Extent, place_mm: Floats) -> bool:
+    """Return whether all places (loads, axes) are on the structure with their axes exchanged, and there are two."""
+    other_mm = place_mm[:, ::-1]
+    return extent.axes > 1 and bool(np.all((extent.low_mm <= other_mm) & (other_mm <= extent.high_mm)))
+
+
 def _check(loads: Loads, metadata: Metadata) -> None:
     """Raise RecordingError if no fit could use the loads."""
     extent, (weakest, strongest) = metadata.extent, metadata.ranges.force_n
@@ -172,7 +179,8 @@ def _check(loads: Loads, metadata: Metadata) -> None:
         number, load = loads.number[index], loads.in_words(index)
         if not np.all((extent.low_mm <= place) & (place <= extent.high_mm)):
             within = " by ".join(f"{low:g}..{high:g}" for low, high in extent.ranges_mm)
-            raise RecordingError(f"load {number} at {in_words(place)} mm is not within {within} mm")
+            hint = f"; {EXCHANGED}" if may_be_exchanged(extent, loads.place_mm) else ""
+            raise RecordingError(f"load {number} at {in_words(place)} mm is not within {within} mm{hint}")
         if force <= 0 or not weakest / FORCE_FACTOR <= force <= strongest * FORCE_FACTOR:
             raise RecordingError(
                 f"{load} has a force of {force:g} N, but the model is for {weakest:g}..{strongest:g} N; correct it, "

@@ -1,4 +1,4 @@
-"""The search for swapped cables, inverted sensors and swapped ends of the beam in a recording.
+"""The search for swapped cables, inverted sensors, and swapped ends or axes of the structure in a recording.
 
 Cables that were swapped after the tare also move the zeros, by the difference of the two rest gaps. So each wiring is
 tried with the zeros as tared, and with zeros of its own.
@@ -15,7 +15,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.mistaken import AGREED
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
-from beamtouch_models.design.calibration.recordings import Loads
+from beamtouch_models.design.calibration.recordings import EXCHANGED, Loads, may_be_exchanged
 from beamtouch_models.design.calibration.session import Session
 from beamtouch_models.design.physics.structure import size_of
 from beamtouch_models.runtime.decision.wrong_channels import wiring_faults
@@ -38,7 +38,7 @@ SINCE_THE_TARE = "tare with nothing on the beam, and record again"
 
 
 def swapped(nominal: NominalSurface, loads: Loads, names: list[str]) -> str | None:
-    """Say what seems swapped or inverted: channels, the order of all, or the ends of the beam; None if nothing does.
+    """Say what seems swapped or inverted: channels, the order of all, the ends or the axes; None if nothing does.
 
     Zeros that moved since the tare are told, too: alone, or as the mark of cables that were swapped since then.
     """
@@ -89,6 +89,8 @@ def _swaps(nominal: NominalSurface, loads: Loads, names: list[str]) -> Iterator[
         corrected = replace(loads, measured_mm=measured_mm, deviation_mm=deviation_mm)
         yield mirrored if wiring.is_reversed else message, corrected
     extent, size_mm = nominal.prior.extent, np.array(size_of(nominal.structure))
+    if may_be_exchanged(extent, loads.place_mm):
+        yield EXCHANGED, replace(loads, place_mm=loads.place_mm[:, ::-1])
     for axes in product((False, True), repeat=extent.axes):
         other_mm = np.where(axes, size_mm - loads.place_mm, loads.place_mm)
         if any(axes) and np.all((extent.low_mm <= other_mm) & (other_mm <= extent.high_mm)):

@@ -113,7 +113,7 @@ def numbers_of_sensors(scene: Scene) -> list[int]:
     count, most = scene.count_range
     fewest = scene.fewest
     if count == most:
-        # Two on a plane leave a curve of places, as a contact has three unknowns.
+        # On a plane, one or two sensors leave a curve of places: a contact has three unknowns.
         least = MIN_SENSORS + (2 if scene.has_two_axes else 1)
         around = max(least, count - AROUND, len(scene.sensors.fixed_mm) + len(scene.sensors.fixed))
         fewest, most = min(count, around), count + 1
@@ -153,7 +153,7 @@ def measure(task: Task) -> MeasuredModel | Failure:
         prior, made = layout.prior, layout.make_estimator(task.estimator, seed)
         graph = to_bytes(made.graph)
         run = runner(graph)
-        reached = reach(made, prior, run, task.draws, seed + 2, task.scene.unit)
+        reached = reach(made, prior, run, task.draws, seed + 2, task.scene)
     except (SceneError, NotGoodEnoughError) as error:
         return Failure(task.varied, task.sensors, task.estimator, str(error))
     return MeasuredModel(
