@@ -55,7 +55,7 @@ class Timed(Reader):
 
 def make_page(reader: Timed, query: events.EventQuery) -> None:
     """Make a page as the service does."""
-    keys = events._find(reader, query)[: query.limit]
+    keys = events._find(reader, query, None)[: query.limit]
     reader.end()
     make: Callable[..., Iterator[bytes]] = (
         events._as_csv if query.format == "csv" else partial(events._as_json, path=query.path, following=None)

@@ -49,5 +49,5 @@ def assert_is_problem(shown: dict[str, Any]) -> None:
     kind = KINDS[shown["type"]]
     assert (shown["title"], shown["status"]) == (kind.title, kind.status)
     if kind is Kind.STALE:
-        problem = surface_problems.stale(shown["surface"], shown["age_ms"], shown["stale_ms"])
+        problem = surface_problems.stale(shown["surface"], shown["age_ms"], shown["stale_ms"], shown["since"])
         assert shown == problem.body()

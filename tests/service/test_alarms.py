@@ -139,9 +139,26 @@ def test_zeros_that_moved_together_are_warmth_at_every_door(
     assert soon.get("/health/ready?health=true").status_code == 200
 
 
+def test_the_list_of_alarms_is_what_health_states_with_since_when(
+    soon: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    story = Story(soon, [[0.0] * 4, *[WEDGED] * 200])
+    deliver(story, 0, 60)
+    assert soon.get("/alarms").json() == {"surfaces": {}, "missing": {}}
+    for first in range(60, 180, 30):
+        deliver(story, first, first + 30)
+    stated = soon.get("/health/ready?health=true").json()
+    answer = soon.get("/alarms")
+    assert answer.status_code == 200
+    assert answer.json() == {"surfaces": stated["surfaces"], "missing": stated["missing"]}
+    fault = stated["surfaces"]["press-7"]
+    assert fault["type"] == "urn:beamtouch:problem:unexplained"
+    assert f"since {fault['since']} neither rest" in caplog.text
+
+
 @pytest.mark.promise(
     "docs/reference/problems.md",
-    "`channels-out`, `changed-channels`, `zeros-moved`, `unexplained`: only `/health/ready?health=true` gives these.",
+    "`unexplained`: only `/alarms` and `/health/ready?health=true` give these.",
 )
 @pytest.mark.promise("docs/reference/http.md", "or an unexplained stretch lasts too long.")
 def test_a_stretch_that_lasts_needs_a_technician(soon: Bench) -> None:

@@ -2,11 +2,13 @@
 
 import csv
 import io
+import json
 import time
 from urllib.parse import urljoin
 
 import pytest
 
+from beamtouch_service.api import events
 from service.bench import START_US, Bench, kind
 from service.event_story import RESTING, TOUCHING, Story, story_of
 
@@ -71,6 +73,37 @@ def test_who_follows_the_links_of_tables_gets_each_event_once(history: Bench, qu
             break
         address = urljoin(address, response.links["next"]["url"])
     assert found == ["7", "6", "5", "4", "3", "2", "1"]
+
+
+@pytest.mark.promise("docs/reference/events.md", "`format=ndjson` streams all of them, one event in JSON per line")
+@pytest.mark.parametrize("path", ["", "&path=true"])
+def test_ndjson_has_a_line_for_each_event_of_the_period_however_many_there_are(
+    history: Bench, monkeypatch: pytest.MonkeyPatch, path: str
+) -> None:
+    monkeypatch.setattr(events, "_MAX_LIMIT", 1)  # it reads them so many at a time, and one more
+    whole = history.get(f"/events?limit=50{path}").json()["events"]
+
+    def lines(query: str) -> list[dict[str, object]]:
+        answer = history.get(f"/events?format=ndjson{query}{path}")
+        assert (answer.status_code, answer.headers["content-type"]) == (200, "application/x-ndjson")
+        return [json.loads(line) for line in answer.text.splitlines()]
+
+    third = "2026-11-20T23:40:46.148456Z"
+    assert len(whole) == 7
+    assert lines("") == whole
+    assert lines(f"&since={third}") == whole[:5]
+    assert lines(f"&until={third}") == whole[5:]
+    assert lines("&kind=unexplained") == []
+    assert history.problem("/events?format=ndjson&surface=nobody") == "unknown-surface"
+
+
+def test_ndjson_with_a_limit_comes_in_pages(history: Bench) -> None:
+    address, found = "/events?format=ndjson&limit=3", list[list[int]]()
+    while address:
+        response = history.get(address)
+        found.append([json.loads(line)["id"] for line in response.text.splitlines()])
+        address = urljoin("/events", response.links["next"]["url"]) if "next" in response.links else ""
+    assert found == [[7, 6, 5], [4, 3, 2], [1]]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from service.bench import ADMIN_TOKEN, READ_TOKEN, TOKEN, Bench, kind, surface_o
 
 FILES = (
     *(
+        "alarms",
         "answer",
         "beam",
         "beam_parts",
@@ -22,7 +23,7 @@ FILES = (
         "figures",
         "health",
     ),
-    *("notes", "page", "places", "plate", "sse", "state", "strip", "tables", "token", "token_form", "zones"),
+    *("notes", "page", "places", "plate", "sse", "state", "strip", "tables", "times", "token", "token_form", "zones"),
 )
 NEEDS = {
     "GET /": "nothing",
@@ -30,6 +31,7 @@ NEEDS = {
     **{f"GET /{name}.css": "nothing" for name in ("commissioning", "page", "zones")},
     "GET /icon.svg": "nothing",
     "GET /health/live": "nothing",
+    "GET /alarms": "read",
     "GET /health/ready": "read",
     "GET /metrics": "read",
     "GET /openapi.json": "read",

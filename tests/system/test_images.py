@@ -13,8 +13,9 @@ import httpx2
 import pytest
 import tomli_w
 
-from line import Line, Surface
+from line import Surface
 from support.network.plain_http import TIMEOUT_S
+from support.programs.contained_line import CONTAINED, USER, Contained, podman_in
 from support.programs.service_manager import Manager
 from support.programs.toolchain import run
 from support.running.debian_parts import give_up, require
@@ -28,13 +29,7 @@ BUILT = ROOT / "build" / "images"
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 MAX_MB = {"beamtouch-daemon": 60, "beamtouch-service": 120}
 """Largest size of an image as it is sent."""
-USER = 10001
-IN_ITS_OWN_TREE = 'umount -R -l /sys/fs/cgroup; mount -t cgroup2 cgroup2 /sys/fs/cgroup; exec "$@"'
-"""A machine of tests may have the older control groups, which its runtime does not take."""
-CONTAINED = [
-    *("run", "--rm", "--network", "host", "--cgroups", "disabled", "--read-only", "--cap-drop", "all"),
-    *("--security-opt", "no-new-privileges", "--ulimit", "nofile=1024:1024", "--ulimit", "nproc=1024:1024"),
-]
+IMAGES = {program: f"localhost/{program}:{VERSION}" for program in MAX_MB}
 
 
 def newest(program: str) -> Path:
@@ -56,26 +51,10 @@ def podman() -> Iterator[list[str]]:
     if os.getuid() != 0:
         give_up("only root can run containers on any machine")
     with TemporaryDirectory(prefix="podman-") as store:  # it takes paths of 50 characters at most
-        command = [
-            *("unshare", "--mount", "bash", "-c", IN_ITS_OWN_TREE, "bash", require("podman", "podman")),
-            *("--runtime", require("crun", "crun"), "--root", f"{store}/root", "--runroot", f"{store}/run"),
-        ]
+        command = podman_in(store, require("podman", "podman"), require("crun", "crun"))
         for program in MAX_MB:
             run(*command, "load", "--quiet", "--input", newest(program))
         yield command
-
-
-class Contained(Line):
-    """A line whose daemon and service run in containers with read-only roots."""
-
-    podman: list[str]
-
-    def _find_program(self, command: list[str]) -> list[str]:
-        program, *words = command
-        if program not in MAX_MB:
-            return super()._find_program(command)
-        shared = ["--volume", f"{self.folder}:{self.folder}", "--env", "PYTHONUNBUFFERED=1"]
-        return [*self.podman, *CONTAINED, *shared, f"localhost/{program}:{VERSION}", *words]
 
 
 @pytest.fixture
@@ -89,7 +68,7 @@ def line(tmp_path: Path, bench_model: Path, podman: list[str]) -> Iterator[Conta
     contained = Contained(
         tmp_path, SCENES / "bench.toml", model, bench_model.with_suffix(".toml"), [surface], sections=record
     )
-    contained.podman = podman
+    contained.podman, contained.images = podman, IMAGES
     os.chown(tmp_path, USER, USER)
     with contained:
         yield contained

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, create_model,
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter
-from beamtouch_service.api.csv_parts import MEDIA_TYPE, NEXT_LINK, RESPONSES, CsvParts
+from beamtouch_service.api.csv_parts import MEDIA_TYPE, NEXT_LINK, CsvParts
 from beamtouch_service.api.record_answers import SLOT, answer_in_parts
 from beamtouch_service.api.times import Time, microseconds
 from beamtouch_service.problems import Kind, Problem, ProblemError
@@ -39,7 +39,7 @@ from beamtouch_service.record import (
 )
 from beamtouch_service.samples import SurfaceName
 
-_JSON = "application/json"
+_JSON, _NDJSON = "application/json", "application/x-ndjson"
 _MAX_LIMIT = 1000
 _MAX_PATHS = 50
 """With its path and its capture, an event may be a hundred times as large."""
@@ -62,9 +62,16 @@ class EventQuery(BaseModel):
         _MAX_PATHS,
         ge=1,
         le=_MAX_LIMIT,
-        description=f"Maximum number of events; with paths, at most {_MAX_PATHS}.",
+        description=f"Maximum number of events; with paths, at most {_MAX_PATHS}. Default with ndjson: all.",
     )
-    format: Literal["json", "csv"] = Field("json", description="JSON, or CSV with a row per event.")
+    format: Literal["json", "csv", "ndjson"] = Field(
+        "json", description="JSON; CSV with a row per event; or NDJSON, with an event in JSON per line, streamed."
+    )
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the answer is all events of the period instead of a page."""
+        return self.format == "ndjson" and "limit" not in self.model_fields_set
 
     @field_validator("limit")
     @classmethod
@@ -74,6 +81,7 @@ class EventQuery(BaseModel):
         return limit
 
 
+_CONTENTS = {"content": {MEDIA_TYPE: {"schema": {"type": "string"}}, _NDJSON: {"schema": {"type": "string"}}}}
 _LISTS: Any = GenericAlias(list, EventWithPath | PlateEventWithPath) | GenericAlias(list, EventAnswer | PlateEvent)
 EventList = create_model(
     "EventList",
@@ -86,22 +94,26 @@ EventList = create_model(
 @router.get(
     "/events",
     response_model=EventList,
-    responses={200: RESPONSES | {"headers": {"Link": NEXT_LINK}}},
+    responses={200: _CONTENTS | {"headers": {"Link": NEXT_LINK}}},
     dependencies=[SLOT],
 )
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
-    """Return contacts and unexplained stretches, the newest first; as CSV, one row per event."""
-    as_csv = query.format == "csv"
-    keys = await context.recorder.readers.read(partial(_find, query=query))
+    """Return contacts and unexplained stretches, the newest first; as CSV or NDJSON, one row or line per event."""
+    after = _place_of(query.after)
+    keys = await context.recorder.readers.read(partial(_find, query=query, after=after))
     if query.surface and not keys:
         # A surface that is no longer configured may still have events; if it has none, the name is wrong.
         context.registry.named(query.surface)
+    if query.is_whole:
+        return await answer_in_parts(context, partial(_as_whole_ndjson, keys=keys, query=query), _NDJSON)
     page = keys[: query.limit]
     following = f"{page[-1].touched_us}.{page[-1].id}" if len(keys) > len(page) else None
-    if not as_csv:
+    if query.format == "json":
         return await answer_in_parts(context, partial(_as_json, keys=page, path=query.path, following=following), _JSON)
     address = urlencode({**request.query_params, "after": following})
     headers = {"Link": f'<?{address}>; rel="next"'} if following else {}
+    if query.format == "ndjson":
+        return await answer_in_parts(context, partial(_as_ndjson, keys=page, path=query.path), _NDJSON, headers)
     return await answer_in_parts(context, partial(_as_csv, keys=page), MEDIA_TYPE, headers)
 
 
@@ -122,17 +134,22 @@ async def get_event(
     return Response(content, media_type=_JSON)
 
 
-def _find(reader: Reader, query: EventQuery) -> list[EventKey]:
+def _place_of(after: str | None) -> tuple[int, int] | None:
+    """Return the place in the order of touches that `after` names."""
+    touched, _, number = (after or "").partition(".")
+    return (int(touched), int(number)) if after else None
+
+
+def _find(reader: Reader, query: EventQuery, after: tuple[int, int] | None) -> list[EventKey]:
     """Return the events of a page, and one more if there is another page."""
-    touched, _, number = (query.after or "").partition(".")
     return find_events(
         reader,
         surface=query.surface,
         kind=query.kind,
         since_us=microseconds(query.since),
         until_us=microseconds(query.until),
-        after=(int(touched), int(number)) if query.after else None,
-        limit=query.limit + 1,
+        after=after,
+        limit=(_MAX_LIMIT if query.is_whole else query.limit) + 1,
     )
 
 
@@ -147,6 +164,25 @@ def _as_json(reader: Reader, keys: Sequence[EventKey], *, path: bool, following:
             reader.rest()
         yield b"".join(part)
     yield (b"" if before == b"," else before) + f'],"next":{json.dumps(following)}}}'.encode()
+
+
+def _as_ndjson(reader: Reader, keys: Sequence[EventKey], *, path: bool) -> Iterator[bytes]:
+    """Give events as lines of JSON."""
+    yield b""  # an answer has a part
+    for events in read_events(reader, keys, path=path):
+        part = []
+        for event in events:
+            part += [encode_event(event, path=path), b"\n"]
+            reader.rest()
+        yield b"".join(part)
+
+
+def _as_whole_ndjson(reader: Reader, keys: Sequence[EventKey], *, query: EventQuery) -> Iterator[bytes]:
+    """Give these events and all that follow them as lines of JSON."""
+    while keys:
+        yield from _as_ndjson(reader, keys, path=query.path)
+        keys = _find(reader, query, (keys[-1].touched_us, keys[-1].id))
+    yield b""
 
 
 def _as_csv(reader: Reader, keys: Sequence[EventKey]) -> Iterator[bytes]:

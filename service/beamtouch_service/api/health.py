@@ -12,6 +12,7 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import gate
 from beamtouch_service.api.context import ContextParameter
 from beamtouch_service.metrics.figures import Figures
+from beamtouch_service.problems import ProblemBody
 
 live_router = gate.make_router("health", Role.OPEN)
 router = gate.make_router("health", Role.READ)
@@ -28,6 +29,15 @@ class Health(BaseModel):
     status: str
 
 
+class Alarms(BaseModel):
+    """What needs a technician now; empty while nothing does."""
+
+    surfaces: dict[str, ProblemBody]
+    """Surface -> the first reason: what is out, since when if that is known (`since`), and what to do."""
+    missing: dict[str, str]
+    """Part of the service that is missing, by the section of its configuration -> the reason."""
+
+
 @live_router.get("/health/live")
 async def get_live() -> Health:
     """Say that the process runs and answers."""
@@ -40,6 +50,17 @@ async def get_ready(context: ContextParameter, health: Annotated[bool, Query(des
     context.require_all("Ask for /health/live of each service, and for /surfaces/NAME/contact of each surface.")
     context.registry.require_ready(context.clock(), context.reasons(), healthy=health)
     return Health(status="ready")
+
+
+@router.get("/alarms")
+async def get_alarms(context: ContextParameter) -> Alarms:
+    """Return what needs a technician now, as `/health/ready?health=true` states it, with the status 200."""
+    context.require_all("Ask for /surfaces/NAME of each surface.")
+    faults = context.registry.faults(context.clock())
+    return Alarms(
+        surfaces={name: ProblemBody.model_validate(fault.body()) for name, fault in faults.items()},
+        missing={part: reason for part, reason in context.reasons().items() if reason},
+    )
 
 
 @router.get("/metrics", responses={200: {"content": {"text/plain": {}}}})

@@ -3,6 +3,7 @@
 import { byId, html } from "./dom.js";
 import { COLUMNS } from "./fields.js";
 import { inWords } from "./places.js";
+import { zone } from "./times.js";
 
 export class Events {
   constructor(token) {
@@ -55,7 +56,8 @@ export class Events {
   }
 }
 
-const heading = ({ label, unit }) => html("th", { scope: "col" }, unit ? `${label}, ${unit}` : label);
+/** The unit of times is their zone. */
+const heading = ({ name, label, unit = name === "touched_at" ? zone() : "" }) => html("th", { scope: "col" }, unit ? `${label}, ${unit}` : label);
 
 /** Return the cell of a column; null if the one beside it covers it. */
 function cell(event, name, current) {

@@ -28,6 +28,7 @@ export class Feed {
     this.message = null;
     this.shape = null; // the last message that said what the beam looks like; its measurements are old
     this.surfaces = [];
+    this.isShared = false; // whether several services share the surfaces
     this.wanted = null; // the surface that was asked for by name
     this.chosen = null; // the one that is followed
     this.onMessage = onMessage;
@@ -76,6 +77,7 @@ export class Feed {
       if (attempt !== this.attempt) return;
       if (!answer.ok && !several) return body ? this.refuse(body) : this.lock();
       this.surfaces = several ?? body.surfaces;
+      this.isShared = several !== null;
     } catch (error) {
       if (attempt === this.attempt) this.lose(said(error));
       return;

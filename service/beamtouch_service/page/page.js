@@ -1,5 +1,6 @@
 // The page of the service: follows one surface, and shows what is known of it now.
 
+import { Alarms } from "./alarms.js";
 import { BeamView } from "./beam.js";
 import { Commissioning } from "./commissioning.js";
 import { byId, html, setText, sign } from "./dom.js";
@@ -27,6 +28,7 @@ const history = new History();
 const token = new Token();
 const events = new Events(token);
 const health = new Health(token);
+const alarms = new Alarms(token);
 const commissioning = new Commissioning(token);
 const captioned = [byId("beam"), (text) => setText(byId("beam-words"), text)];
 const [beamView, plateView] = [new BeamView(...captioned), new PlateView(...captioned)];
@@ -62,6 +64,7 @@ function surfacesKnown() {
   byId("contact-link").href = feed.chosen ? `contact?surface=${encodeURIComponent(feed.chosen)}` : "contact";
   events.follow(feed.surface?.name);
   health.follow(feed.surface?.name);
+  alarms.follow(feed.isShared);
   commissioning.follow(feed.surface?.name ?? null);
 }
 
@@ -85,6 +88,7 @@ function follow(name) {
 
 function otherToken() {
   feed.forget();
+  alarms.show([]);
   follow(addressed());
 }
 

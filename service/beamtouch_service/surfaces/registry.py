@@ -48,14 +48,20 @@ class Registry:
         technician, either, as `Surface.find_fault` says.
         """
         self._require_any()
-        found = {one.name: one.find_fault(now_s) if healthy else one.view(now_s).problem for one in self}
-        reasons = {name: problem for name, problem in found.items() if problem}
+        reasons = self.faults(now_s) if healthy else self._problems(now_s)
         missing = {part: reason for part, reason in parts.items() if reason}
         if reasons or missing:
             said = [f"{name}: {problem.kind.title}" for name, problem in reasons.items()]
             detail = "; ".join([*said, *(f"[{part}]: {reason}" for part, reason in missing.items())])
             bodies = {name: problem.body() for name, problem in reasons.items()}
             raise ProblemError(Problem(Kind.NOT_READY, detail, members={"surfaces": bodies, "missing": missing}))
+
+    def faults(self, now_s: float) -> dict[str, Problem]:
+        """Return the surfaces for which a technician must come at `now_s` [s, monotonic], each with its reason."""
+        return {one.name: fault for one in self if (fault := one.find_fault(now_s))}
+
+    def _problems(self, now_s: float) -> dict[str, Problem]:
+        return {one.name: problem for one in self if (problem := one.view(now_s).problem)}
 
     def _require_any(self) -> None:
         if not self._surfaces:

@@ -15,6 +15,7 @@ from beamtouch_service.samples import Batch, Note, Quality, Sample
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces import surface_problems
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelsOut, SurfaceHealth
+from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.estimate import Estimate
 from beamtouch_service.surfaces.follower import Decision, Follower
 from beamtouch_service.surfaces.freshness import Moment, SampleClock, Transit
@@ -221,7 +222,8 @@ class Surface:
         if newest is None:
             return surface_problems.no_samples(self.name)
         if not is_current:
-            return surface_problems.stale(self.name, newest.age_ms(now_s), self.stale_ms)
+            since = rfc3339(newest.sample.acquired_unix_us)
+            return surface_problems.stale(self.name, newest.age_ms(now_s), self.stale_ms, since)
         # A model that came after the newest sample has not seen it.
         return newest.decided[1].problem if newest.decided else surface_problems.no_samples(self.name)
 
@@ -239,10 +241,10 @@ class Surface:
         if Note.ZEROS in view.notes:
             return surface_problems.zeros_moved(self.name)
         if view.totals.unexplained.is_overdue:
-            return surface_problems.unexplained(
-                self.name, kind_of(self.axes), self.unexplained.after_s, view.decision.suspect
-            )
-        changed = [name for name, one in (self.channel_health or {}).items() if one.changed]
+            since_us, after_s = view.totals.unexplained.since_us, self.unexplained.after_s
+            suspect = view.decision.suspect
+            return surface_problems.unexplained(self.name, kind_of(self.axes), after_s, since_us, suspect)
+        changed = {name: one for name, one in (self.channel_health or {}).items() if one.changed}
         return surface_problems.changed_channels(self.name, changed) if changed else None
 
     @property

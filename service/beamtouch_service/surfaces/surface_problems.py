@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from beamtouch_models.runtime import Metadata
 from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.samples import Quality
-from beamtouch_service.surfaces.channels import ChannelOut
+from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
+from beamtouch_service.surfaces.contact import rfc3339
 
 
 def no_model(surface: str, reason: str | None) -> Problem:
@@ -35,13 +36,13 @@ def other_beam(surface: str, model: Metadata, sender_beam: str | None) -> Proble
     return Problem(Kind.OTHER_BEAM, detail, surface, {"sender_beam": sender_beam, "model_beam": model.beam})
 
 
-def stale(surface: str, age_ms: float, stale_ms: float) -> Problem:
-    """Return the problem of a newest sample of this age, which is over the limit."""
+def stale(surface: str, age_ms: float, stale_ms: float, since: str) -> Problem:
+    """Return the problem of a newest sample of this age and time (RFC 3339), which is over the limit."""
     detail = (
         f"The newest sample is {age_ms:.1f} ms old; the limit is {stale_ms:g} ms. "
         "Check that the daemon runs and reaches the device."
     )
-    return Problem(Kind.STALE, detail, surface, {"age_ms": age_ms, "stale_ms": stale_ms})
+    return Problem(Kind.STALE, detail, surface, {"age_ms": age_ms, "stale_ms": stale_ms, "since": since})
 
 
 def missing_channels(surface: str, missing: list[str]) -> Problem:
@@ -61,14 +62,16 @@ def too_few_channels(surface: str, working: int, needed: int, bad: dict[str, Qua
 def channels_out(surface: str, out: Mapping[str, ChannelOut]) -> Problem:
     """Return the problem of channels that have been out for too long."""
     named = ", ".join(f"{name} ({one.quality.value} since {one.since})" for name, one in out.items())
-    members = {"channels_out": {name: one.model_dump(mode="json") for name, one in out.items()}}
+    members: dict[str, object] = {"channels_out": {name: one.model_dump(mode="json") for name, one in out.items()}}
+    members["since"] = min(one.since for one in out.values())
     return Problem(Kind.CHANNELS_OUT, f"The contact is found without {named}. Check it.", surface, members)
 
 
-def changed_channels(surface: str, changed: list[str]) -> Problem:
+def changed_channels(surface: str, changed: Mapping[str, ChannelHealth]) -> Problem:
     """Return the problem of channels that have changed."""
+    members = {"changed_channels": list(changed), "since": min(one.since for one in changed.values())}
     detail = f"{', '.join(changed)} changed; GET /surfaces/{surface} says how. Check it, then calibrate the model."
-    return Problem(Kind.CHANGED_CHANNELS, detail, surface, {"changed_channels": changed})
+    return Problem(Kind.CHANGED_CHANNELS, detail, surface, members)
 
 
 def zeros_moved(surface: str) -> Problem:
@@ -80,17 +83,18 @@ def zeros_moved(surface: str) -> Problem:
     return Problem(Kind.ZEROS_MOVED, detail, surface)
 
 
-def unexplained(surface: str, kind: str, after_s: float, suspect: str | None) -> Problem:
+def unexplained(surface: str, kind: str, after_s: float, since_us: int | None, suspect: str | None) -> Problem:
     """Return the problem of a stretch on a beam or a plate that lasts too long.
 
     Parameters
     ----------
     kind : beam or plate
+    since_us : time of its first sample [us since 1970]
     suspect : the channel of `check-NAME`
     """
     look = f"Check sensor {suspect}." if suspect else f"Look for a second load and for anything under the {kind}."
     detail = f"Neither rest nor a single contact has explained the samples for over {after_s:g} s. {look}"
-    return Problem(Kind.UNEXPLAINED, detail, surface, {"suspect": suspect})
+    return Problem(Kind.UNEXPLAINED, detail, surface, {"suspect": suspect, "since": since_us and rfc3339(since_us)})
 
 
 def unusable_estimate(surface: str, detail: str) -> Problem:

@@ -26,6 +26,8 @@ class Stretches(NamedTuple):
     """Their time, by the ages of the samples [s]."""
     is_overdue: bool
     """True if the current stretch lasts too long."""
+    since_us: int | None
+    """Time of the first sample of the current stretch, by the sender's clock [us since 1970]; None without one."""
 
 
 class UnexplainedTracker:
@@ -54,7 +56,7 @@ class UnexplainedTracker:
     @property
     def now(self) -> Stretches:
         """The stretches so far."""
-        return Stretches(self.count, self.total_s, self.is_overdue)
+        return Stretches(self.count, self.total_s, self.is_overdue, self._since_us)
 
     def add(self, decision: Decision, passed_s: float) -> None:
         """Add the next sample, with the time since the one before [s]."""
