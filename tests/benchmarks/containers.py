@@ -2,8 +2,8 @@
 
 A rig with a load that stays, and daemon and service in containers: read-only roots, no root user, no capability. Said
 are, for each round: the time from the start of the service to its address and from that of the daemon to the first
-contact, memory a while later, and the time from SIGTERM to the end. Another architecture runs in an emulator,
-`qemu-aarch64-static`.
+contact, memory a while later, and the time from SIGTERM to the end. Another architecture runs in an emulator, which
+`--emulator` names: a static one, of QEMU 10 or later (7.2 crashes in onnxruntime).
 """
 
 import argparse
@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import httpx2
 from shipped import build
 
+import line
 from line import Surface
 from support.programs.contained_line import USER, Contained, podman_in
 from support.programs.processes import resident_mb
@@ -31,7 +32,7 @@ from support.surfaces.example_scenes import SCENES
 
 ROOT = Path(__file__).parents[2]
 PROGRAMS = ("beamtouch-daemon", "beamtouch-service")
-MACHINES = {"amd64": ("x86_64", "qemu-x86_64-static"), "arm64": ("aarch64", "qemu-aarch64-static")}
+MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 SETTLED_S = 20.0
 SCRIPT = "[[step]]\nseconds = 6000\nposition_mm = 150.0\nforce_n = 10.0\n"
 
@@ -68,27 +69,29 @@ def measure(folder: Path, podman: list[str], images: dict[str, str], emulator: s
     (folder / "script.toml").write_text(SCRIPT)
     surface = Surface("bench", "modbus-tcp", folder / "script.toml", ("--no-ringing",))
     record = {"events": {"file": "/var/lib/beamtouch/events.db"}}
-    line = Timed(folder, SCENES / "bench.toml", folder / "bench.onnx", folder / "generated.toml", [surface], record)
-    line.podman, line.images, line.emulator = podman, images, emulator
+    contained = Timed(
+        folder, SCENES / "bench.toml", folder / "bench.onnx", folder / "generated.toml", [surface], record
+    )
+    contained.podman, contained.images, contained.emulator = podman, images, emulator
     os.chown(folder, USER, USER)
-    with line:
+    with contained:
         answer: dict[str, Any] = {}
 
         def touches() -> bool:
-            answer.update(httpx2.get(f"{line.url}/surfaces/bench/contact", timeout=30).json())
+            answer.update(httpx2.get(f"{contained.url}/surfaces/bench/contact", timeout=30).json())
             return answer.get("state") == "contact"
 
         wait_until(touches, within_s=300, pause_s=0.02)
-        contact_s = time.monotonic() - line.daemon_began_s
+        contact_s = time.monotonic() - contained.daemon_began_s
         time.sleep(SETTLED_S)
         touches()
         memory = {program: resident_mb(process_of(program, folder)) for program in PROGRAMS}
         ends = []
         for name in ("daemon", "service"):
             began_s = time.monotonic()
-            code = line.end(name)
+            code = contained.end(name)
             ends.append(f"{name} {time.monotonic() - began_s:.1f} s, exit {code}")
-    said = [f"service answers {line.service_s:.1f} s", f"first contact {contact_s:.1f} s after the daemon's start"]
+    said = [f"service answers {contained.service_s:.1f} s", f"first contact {contact_s:.1f} s after the daemon's start"]
     said += [f"{program} {mb:.0f} MB" for program, mb in memory.items()]
     place = f"{answer['position_mm']:.1f} mm ({answer['position_low_mm']:.1f} to {answer['position_high_mm']:.1f})"
     return "; ".join([*said, *ends, f"contact at {place}, {answer['age_ms']:.0f} ms old"])
@@ -97,11 +100,13 @@ def measure(folder: Path, podman: list[str], images: dict[str, str], emulator: s
 def main() -> None:
     """Run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    own = next(name for name, (machine, _) in MACHINES.items() if machine == platform.machine())
+    own = next(name for name, machine in MACHINES.items() if machine == platform.machine())
     parser.add_argument("--architecture", choices=MACHINES, default=own)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--emulator", default="/usr/bin/qemu-aarch64", help="of another architecture")
     given = parser.parse_args()
-    emulator = "" if given.architecture == own else f"/usr/bin/{MACHINES[given.architecture][1]}"
+    emulator = "" if given.architecture == own else given.emulator
+    line.START_TIMEOUT_S = 600.0  # an emulator is slow
     with TemporaryDirectory(prefix="pod-") as store, TemporaryDirectory() as place:
         podman = podman_in(store, "podman", "crun")
         images = {}

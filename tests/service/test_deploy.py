@@ -2,11 +2,15 @@
 
 import re
 import subprocess
+import tomllib
 from pathlib import Path
+from types import NoneType
+from typing import get_args
 
 import pytest
 
 from beamtouch_service.config import load_settings
+from beamtouch_service.record import EventAnswer
 from beamtouch_service.record.forecast import describe_kept_days
 from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
@@ -34,6 +38,16 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     transactions = Transactions(EventsSection(url=here))
     assert transactions.healths() == {}
     transactions.close()
+
+
+def test_telegraf_reads_members_that_an_event_has() -> None:
+    (consumer,) = tomllib.loads((FOLDER / "telegraf.conf").read_text())["inputs"]["mqtt_consumer"]
+    (parser,) = consumer["json_v2"]
+    paths = [one["path"] for kind in ("tag", "field") for one in parser[kind]]
+    members = EventAnswer.model_fields
+    assert {*paths, parser["timestamp_path"]} <= set(members)
+    optional = {one["path"] for one in parser["field"] if one.get("optional")}
+    assert optional == {path for path in paths if NoneType in get_args(members[path].annotation)}
 
 
 def test_the_record_of_several_services_keeps_a_contact_each_2_s_for_its_days() -> None:
