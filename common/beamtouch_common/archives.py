@@ -29,6 +29,8 @@ _FOLDER, _ROOT = "folder", "root"
 _AT_ONCE = 1024 * 1024
 _UNREADABLE = (tarfile.TarError, EOFError, zlib.error, OSError, ValueError)
 """Errors of a file that is no whole archive."""
+_BESIDE_RECORD = ("-wal", "-shm", "-journal")
+"""Ends of the files that SQLite keeps beside a record. It would write those of another record into a restored one."""
 
 
 @dataclass(frozen=True)
@@ -69,37 +71,45 @@ def write_archive(target: Path, program: str, config: Path, parts: Sequence[Part
     target : the archive; nothing may be there
     program : which made it
     config : the configuration, whose folder relative names are from
-    parts : all files, each once
+    parts : all files; one that is given again, by whatever path, is written once
 
     Raises
     ------
     InputError
         There is something at the target.
     FailedError
-        A file cannot be read, or the archive cannot be written.
+        A file cannot be read, or changes meanwhile, or the archive cannot be written.
     """
     if os.path.lexists(target):
         raise InputError(f"{target}: is there already; name another one, or move it away")
     partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
     try:
-        files = [_describe(part, config.parent) for part in parts]
+        named: dict[str, Part] = {}
+        for part in parts:
+            name = _name_of(part.path, config.parent)
+            if name not in named or part.is_secret:
+                named[name] = part
+        files = [_describe(name, part) for name, part in named.items()]
         made_at = datetime.now(UTC).isoformat(timespec="seconds")
         head = _List(program=program, version=version(), made_at=made_at, files=files)
         with os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
             with tarfile.open(fileobj=file, mode="w:gz") as archive:
                 listed = head.model_dump_json(indent=2).encode()
                 _add(archive, _LIST, len(listed), 0o600, io.BytesIO(listed))
-                for part, one in zip(parts, files, strict=True):
+                for part, one in zip(named.values(), files, strict=True):
                     with (part.content or part.path).open("rb") as content:
                         _add(archive, one.name, one.bytes, one.mode, content)
             file.flush()
             os.fsync(file.fileno())
         _check(partial)  # a file that was written meanwhile does not have its digest
         partial.rename(target)
+    except InputError:
+        raise FailedError(f"{target}: a file changed while it was read; there is no backup: try again") from None
     except OSError as error:
         raise FailedError(f"{error.filename or target}: {error.strerror or error}; there is no backup") from None
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink()
     return [one.name for one in files]
 
 
@@ -121,7 +131,7 @@ def restore_archive(archive: Path, folder: Path, root: Path | None) -> list[Path
     """
     files = _check(archive).files
     targets = [_target_of(archive, one.name, folder, root) for one in files]
-    if present := [str(target) for target in targets if os.path.lexists(target)]:
+    if present := [path for target in targets for path in _find_present(target)]:
         raise InputError(f"{', '.join(present[:3])}: there already; a restore overwrites nothing: move it away")
     made: list[Path] = []
     try:
@@ -145,17 +155,24 @@ def restore_archive(archive: Path, folder: Path, root: Path | None) -> list[Path
     return targets
 
 
-def _describe(part: Part, folder: Path) -> _File:
-    path, content = Path(os.path.abspath(part.path)), part.content or part.path  # noqa: PTH100  # links stay
-    base = Path(os.path.abspath(folder))  # noqa: PTH100
-    within = path.is_relative_to(base)
-    name = f"{_FOLDER}/{path.relative_to(base)}" if within else f"{_ROOT}{path}"
+def _find_present(target: Path) -> list[str]:
+    """Return what is at a target, or would damage what is restored there."""
+    return [path for end in ("", *_BESIDE_RECORD) if os.path.lexists(path := f"{target}{end}")]
+
+
+def _name_of(path: Path, folder: Path) -> str:
+    """Return the name of a file in the archive of a configuration in this folder."""
+    path, base = Path(os.path.abspath(path)), Path(os.path.abspath(folder))  # noqa: PTH100  # links stay
+    return f"{_FOLDER}/{path.relative_to(base)}" if path.is_relative_to(base) else f"{_ROOT}{path}"
+
+
+def _describe(name: str, part: Part) -> _File:
+    """Return what the list says of a file. A snapshot has the mode of the file that it is of."""
+    content = part.content or part.path
     with content.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    status = content.stat()
-    return _File(
-        name=name, sha256=digest, bytes=status.st_size, mode=0o600 if part.is_secret else status.st_mode & 0o755
-    )
+    mode = 0o600 if part.is_secret else part.path.stat().st_mode & 0o755
+    return _File(name=name, sha256=digest, bytes=content.stat().st_size, mode=mode)
 
 
 def _add(archive: tarfile.TarFile, name: str, size: int, mode: int, content: IO[bytes]) -> None:
@@ -197,6 +214,8 @@ def _check(path: Path) -> _List:
                     raise InputError(f"{damaged}: {one.name} is not as its list says")
             if next(contents, None):
                 raise InputError(f"{damaged}: it has files that its list does not have")
+    except InputError:
+        raise
     except ValidationError as error:
         raise InputError(f"{damaged}: its list: {error.errors()[0]['msg']}") from None
     except _UNREADABLE as error:

@@ -55,6 +55,8 @@ class TrustedProxies:
             address = ip_address(peer)
         except ValueError:
             return False
+        # A service that listens on :: sees clients of IPv4 as ::ffff:10.0.0.5.
+        address = getattr(address, "ipv4_mapped", None) or address
         return any(address in network for network in self._networks)
 
 

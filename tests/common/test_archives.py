@@ -64,6 +64,51 @@ def test_nothing_is_overwritten_neither_by_a_backup_nor_by_a_restore(plant: Path
     assert found(new) == {}
 
 
+@pytest.mark.parametrize("end", ["-wal", "-shm", "-journal"])
+def test_a_record_is_not_restored_beside_what_sqlite_kept_of_another_one(plant: Path, tmp_path: Path, end: str) -> None:
+    """SQLite would write a log that it finds beside a record into it."""
+    archive, new = write(plant), tmp_path / "new"
+    new.mkdir()
+    (new / f"service.toml{end}").write_bytes(b"old")
+    with pytest.raises(InputError, match=rf"new/service.toml{end}: there already"):
+        restore_archive(archive, new, None)
+    assert found(new) == {f"service.toml{end}": b"old"}
+
+
+def test_a_file_that_is_named_twice_is_written_once_and_comes_back(plant: Path, tmp_path: Path) -> None:
+    config, token, archive = plant / "service.toml", plant / "models" / ".." / "token", tmp_path / "a.tar.gz"
+    parts = [Part(config), Part(plant / "token", is_secret=True), Part(token), Part(config)]
+    assert write_archive(archive, "test", config, parts) == ["folder/service.toml", "folder/token"]
+    restore_archive(archive, tmp_path / "new", None)
+    assert sorted(found(tmp_path / "new")) == ["service.toml", "token"]
+    assert (tmp_path / "new" / "token").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_snapshot_has_the_mode_of_its_file(plant: Path, tmp_path: Path) -> None:
+    record, copy, archive = plant / "events.db", tmp_path / "copy", tmp_path / "a.tar.gz"
+    record.write_bytes(b"a")
+    copy.write_bytes(b"ab")
+    record.chmod(0o640)
+    copy.chmod(0o644)
+    write_archive(archive, "test", plant / "service.toml", [Part(record, copy)])
+    (restored,) = restore_archive(archive, tmp_path / "new", None)
+    assert (restored.read_bytes(), restored.stat().st_mode & 0o777) == (b"ab", 0o640)
+
+
+def test_a_file_that_changes_meanwhile_is_no_backup(plant: Path, tmp_path: Path) -> None:
+    """The size of a file in /proc is 0, whatever it holds."""
+    parts = [Part(plant / "service.toml"), Part(plant / "uptime", Path("/proc/self/status"))]
+    (plant / "uptime").touch()
+    with pytest.raises(FailedError, match=r"b.tar.gz: a file changed while it was read; there is no backup: try again"):
+        write_archive(tmp_path / "b.tar.gz", "test", plant / "service.toml", parts)
+    assert not list(tmp_path.glob("*b.tar.gz*"))
+
+
+def test_a_target_below_a_file_is_said_in_one_line(plant: Path) -> None:
+    with pytest.raises(FailedError, match="Not a directory; there is no backup"):
+        write_archive(plant / "token" / "a", "test", plant / "service.toml", [Part(plant / "token")])
+
+
 def test_files_from_elsewhere_need_a_root(plant: Path, tmp_path: Path) -> None:
     archive, new = write(plant, elsewhere=True), tmp_path / "new"
     with pytest.raises(InputError, match=rf"{tmp_path}/elsewhere is not from the folder .* add --root /"):
@@ -152,8 +197,9 @@ def test_links_in_an_archive_or_in_the_target_lead_nowhere(plant: Path, tmp_path
 def test_a_torn_archive_is_refused(plant: Path, tmp_path: Path, keep: int) -> None:
     archive = write(plant)
     archive.write_bytes(archive.read_bytes()[:keep])
-    with pytest.raises(InputError, match="not a whole archive of `backup`"):
+    with pytest.raises(InputError, match="not a whole archive of `backup`") as refusal:
         restore_archive(archive, tmp_path / "new", None)
+    assert str(refusal.value).count("whole archive") == 1
     assert not (tmp_path / "new").exists()
 
 

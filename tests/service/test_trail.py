@@ -2,6 +2,7 @@
 
 import csv
 import io
+import os
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -12,7 +13,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from beamtouch_service.access import Access
-from beamtouch_service.api.changes import note_model
+from beamtouch_service.api.changes import make_entry, note_model
+from beamtouch_service.record import Action
 from beamtouch_service.record.trail import pending
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, batch_of, kind, surface_of
@@ -255,6 +257,38 @@ def test_more_changes_than_can_be_kept_are_counted(monkeypatch: pytest.MonkeyPat
     assert (action, details["entries"]) == ("loss", 4)
 
 
+def test_more_addresses_than_are_watched_are_told_once_an_hour(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pending, "MOST_STATES", 2)
+    bench = make_bench()
+    for sequence in range(1, 6):
+        send(bench, HALL, "c1", sequence=sequence)
+    assert [action for _, action, *_ in said(bench)] == ["token", "tare", "loss"]
+
+
+@pytest.mark.promise("docs/reference/trail.md", "While the record is away, a thousand entries wait in memory")
+def test_a_trail_that_takes_nothing_is_one_outage_and_samples_are_still_taken(tmp_path: Path) -> None:
+    bench = make_bench(tmp_path / "events.db")
+    send(bench, HALL, "c1")
+    execute(tmp_path / "events.db", "ALTER TABLE trail RENAME TO elsewhere")
+    recorder = bench.app.context.recorder
+    for sequence in (2, 3, 4):
+        send(bench, HALL, f"c{sequence}", sequence=sequence)
+        assert (recorder.away_because, recorder.outages) == ("no such table: trail", 1)
+    execute(tmp_path / "events.db", "ALTER TABLE elsewhere RENAME TO trail")
+    bench.pass_second()
+    assert (recorder.away_because, recorder.outages) == ("", 1)
+    assert [details["characteristic"] for *_, details in said(bench, "?action=tare")] == ["c1", "c2", "c3", "c4"]
+    assert audit(bench)["chain"]["holds"]
+
+
+def test_a_path_that_is_no_text_does_not_hold_up_the_trail(place: Path | str) -> None:
+    bench = make_bench(place)
+    start = make_entry(Action.START, {"options": {"model": os.fsdecode(b"\xff.onnx")}})
+    bench.app.context.recorder.trail.note(start)
+    send(bench, HALL, "c1")
+    assert said(bench)[0] == (1, "start", None, "service", {"options": {"model": "?.onnx"}})
+
+
 def ask(bench: Bench, peer: str, headers: dict[str, str]) -> httpx2.Response:
     """Send a batch over a connection from this address."""
     client = TestClient(bench.app, client=(peer, 50_000), raise_server_exceptions=False)
@@ -272,13 +306,16 @@ def ask(bench: Bench, peer: str, headers: dict[str, str]) -> httpx2.Response:
         ("10.0.0.5", {"X-Forwarded-User": "x" * 200}, ("x" * 80, "hall", "10.0.0.5")),
         ("10.0.0.5", {"X-Forwarded-User": " "}, ("hall", "hall", "10.0.0.5")),
         ("10.0.0.6", {"X-Forwarded-User": "bea", "X-Forwarded-For": "10.9.0.7"}, ("hall", "hall", "10.0.0.6")),
+        ("::ffff:10.0.0.5", {"X-Forwarded-User": "bea"}, ("bea", "hall", "::ffff:10.0.0.5")),
+        ("fd00::5", {"X-Forwarded-User": "bea", "X-Forwarded-For": "fd00::9"}, ("bea", "hall", "fd00::9")),
+        ("fd01::5", {"X-Forwarded-User": "bea"}, ("hall", "hall", "fd01::5")),
         ("10.0.1.5", {}, ("hall", "hall", "10.0.1.5")),
     ],
 )
 def test_a_user_is_believed_from_a_trusted_proxy_only(
     peer: str, headers: dict[str, str], who: tuple[str, str, str]
 ) -> None:
-    bench = Bench(surface_of(), access=ACCESS, proxies=["10.0.0.5", "10.0.1.0/24"])
+    bench = Bench(surface_of(), access=ACCESS, proxies=["10.0.0.5", "10.0.1.0/24", "fd00::/64"])
     encoded = {name: value.encode() for name, value in headers.items()}
     assert ask(bench, peer, encoded).status_code == 200  # type: ignore[arg-type]
     bench.pass_second()

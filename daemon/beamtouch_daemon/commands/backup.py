@@ -14,8 +14,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the archive; raises InputError and FailedError."""
     config = load_config(arguments.config)
     parts = [Part(arguments.config), *_parts_of(config, with_secrets=arguments.with_secrets)]
-    unique = {part.path.resolve(): part for part in reversed(parts)}
-    print(*write_archive(arguments.output, PROGRAM, arguments.config, list(unique.values())[::-1]), sep="\n")
+    print(*write_archive(arguments.output, PROGRAM, arguments.config, parts), sep="\n")
     if not arguments.with_secrets:
         print(f"left out: {config.token_file} (--with-secrets)")
     return DONE

@@ -236,7 +236,8 @@ class Recorder:
         now_s = time.monotonic()
         records = {name: one for name, one in self._records.items() if everything or one.is_due(now_s)}
         changes = [change for record in records.values() if (change := record.change(now_s))]
-        if changes or self._writer.is_away:
+        is_tried = bool(changes) or self._writer.is_away
+        if is_tried:
             try:
                 numbers, lost = await self._writer.run(lambda transactions: _write(transactions, changes))
             except BaseException as error:
@@ -246,25 +247,25 @@ class Recorder:
                     raise
                 self._writer.note(str(error))
                 return
-            self._writer.note("")
-            for change in changes:
-                if change.surface not in lost:
-                    records[change.surface].note_durable(change, numbers)
             for name in lost:
                 # Another service has written: what is known here is not so any more.
                 self.races += 1
                 self._records.pop(name, None)
-            if any(change.has_ended for change in changes if change.surface not in lost):
+            written = [change for change in changes if change.surface not in lost]
+            for change in written:
+                records[change.surface].note_durable(change, numbers)
+            if any(change.has_ended for change in written):
                 self._ended.set()
                 self._ended = asyncio.Event()
-        await self._write_trail()
+        if await self._write_trail() and is_tried:
+            self._writer.note("")
         if self._unread:
             await self._read_health()
 
-    async def _write_trail(self) -> None:
-        """Put the changes that wait on the trail."""
-        if not (due := self.trail.take_due()):
-            return
+    async def _write_trail(self) -> bool:
+        """Put the changes that wait on the trail; return whether none waits any more."""
+        if not (due := self.trail.take_due(time.monotonic())):
+            return True
         try:
             added = await self._writer.run(lambda transactions: transactions.add_to_trail(due))
         except BaseException as error:
@@ -272,10 +273,11 @@ class Recorder:
             if not isinstance(error, RecordAwayError):
                 raise
             self._writer.note(str(error))
-            return
+            return False
         if added and added[0].number == 1:  # this record is a new one, perhaps in the place of another
             self.trail.forget_states()
         log_added(added)
+        return True
 
     async def _read_health(self) -> None:
         """State the health that is on record of surfaces whose samples have not come yet."""

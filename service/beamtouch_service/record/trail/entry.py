@@ -28,7 +28,7 @@ class Action(StrEnum):
     DELETION = "deletion"
     """The record deleted events, by its limits of age and size: at most one entry a day."""
     LOSS = "loss"
-    """More changes than could be kept while the record was away."""
+    """More changes than could be kept while the record was away, or more addresses than are watched."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,9 @@ class Entry:
 
 def encode_details(details: Mapping[str, object]) -> str:
     """Return the details of an entry, the same text for the same details."""
-    return json.dumps(details, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    text = json.dumps(details, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    # Paths among the options may hold bytes that are no text. No database takes them.
+    return text.encode("utf-8", "replace").decode()
 
 
 def digest_of(before: object, number: object, values: Sequence[object]) -> str:

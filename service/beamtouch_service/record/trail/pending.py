@@ -11,6 +11,8 @@ MOST_STATES = 5000
 """States that are watched. Whoever has a token could state any number of addresses."""
 REST_S = 60.0
 """A state that changes more often than this is noted as it is then: two daemons that send in turn would fill a disk."""
+LOSS_REST_S = 3600.0
+"""Time between two entries of losses. Beyond `MOST_STATES`, each request loses one, and the trail is kept for good."""
 
 
 class PendingTrail:
@@ -22,6 +24,8 @@ class PendingTrail:
         """Action, surface and subject -> value, and when it changed [s, monotonic]; minus infinity before it did."""
         self._lost = 0
         self._lost_since_us = 0
+        self._told_s = -math.inf
+        """When losses were last told [s, monotonic]."""
 
     def note(self, entry: Entry) -> None:
         """Note an act."""
@@ -52,13 +56,13 @@ class PendingTrail:
         self._lost_since_us = self._lost_since_us if self._lost else at_us
         self._lost += 1
 
-    def take_due(self) -> list[Entry]:
+    def take_due(self, now_s: float) -> list[Entry]:
         """Return what is due, for a commit. If that fails, `put_back` has to follow."""
         due, self.due = self.due, []
-        if self._lost and len(due) < MOST_DUE:
+        if self._lost and len(due) < MOST_DUE and now_s - self._told_s >= LOSS_REST_S:
             details = encode_details({"entries": self._lost, "since_us": self._lost_since_us})
             due.append(Entry(self._lost_since_us, Action.LOSS, details))
-            self._lost = 0
+            self._lost, self._told_s = 0, now_s
         return due
 
     def put_back(self, due: list[Entry]) -> None:
