@@ -41,6 +41,7 @@ def main() -> None:
     """Press as often as asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--contacts", type=int, default=300)
+    parser.add_argument("--rest-s", type=float, default=0.3, help="rest once the answer is clear")
     given, pressed, rng = parser.parse_args(), Pressed(), np.random.default_rng(12)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -54,7 +55,7 @@ def main() -> None:
             surface = Surface("plate", "modbus-tcp")
             with PlateLine(folder, PLATE_SCENE, model, folder / "built.toml", [surface], sections) as line:
                 for number in range(1, given.contacts + 1):
-                    line.press(pressed, rng)
+                    line.press(pressed, rng, given.rest_s)
                     if number % EVERY == 0 or number == given.contacts:
                         print(told(pressed), flush=True)
 

@@ -2,9 +2,9 @@
 
 import { axesOf } from "./places.js";
 
-const UNEXPLAINED = "Something acts on the beam that is not a single contact, or a sensor is wrong";
-const LOOK =
-  "Look whether more than one thing touches the beam, whether something is wedged under it, and at the sensors";
+const UNEXPLAINED = (noun) => `Something acts on the ${noun} that is not a single contact, or a sensor is wrong`;
+const LOOK = (noun) =>
+  `Look whether more than one thing touches the ${noun}, whether something is wedged under it, and at the sensors`;
 const LASTING = {
   rate: "The device does not keep its rate",
   noise: "The sender states another noise than the model was made for",
@@ -14,8 +14,8 @@ const LASTING = {
   zeros: "Zeros have moved, as in warmth: wait until it settles, take everything off, then tare",
 };
 const PASSING = {
-  overload: "The force is beyond the range of the scene",
-  unsteady: "The beam moves, or one sample does not settle the state",
+  overload: () => "The force is beyond the range of the scene",
+  unsteady: (noun) => `The ${noun} moves, or one sample does not settle the state`,
 };
 const CHECK = "check-";
 
@@ -27,21 +27,22 @@ const CHECK = "check-";
  */
 export function noted(contact) {
   const { state, quality, degraded_channels: left, notes = [] } = contact;
-  const own = (text) => (axesOf(contact).length > 1 ? text.replaceAll("beam", "plate") : text);
+  const noun = axesOf(contact).length > 1 ? "plate" : "beam";
   const suspect = notes.find((note) => note.startsWith(CHECK))?.slice(CHECK.length) ?? null;
   const others = notes.filter((note) => !note.startsWith(CHECK));
   const degraded = quality === "degraded" ? [`Degraded: without ${left.join(", ")}`] : [];
   const lasting = [...degraded, ...others.filter((note) => !PASSING[note]).map((note) => LASTING[note] ?? note)];
-  const passing = others.filter((note) => PASSING[note]).map((note) => own(sentence(note, state)));
+  const passing = others.filter((note) => PASSING[note]).map((note) => sentence(note, state, noun));
   if (state !== "unexplained") {
     return { detail: [...lasting, ...passing].join(". "), lasting: lasting.join(". "), passing, suspect };
   }
   const check = suspect === null ? [] : [`Sensor ${suspect} contradicts the others: check it first`];
-  const unexplained = own(UNEXPLAINED);
-  const detail = `${[...check, unexplained, own(LOOK), ...lasting, ...passing].join(". ")}.`;
+  const unexplained = UNEXPLAINED(noun);
+  const detail = `${[...check, unexplained, LOOK(noun), ...lasting, ...passing].join(". ")}.`;
   return { detail, lasting: [unexplained, ...lasting].join(". "), passing: [...check, ...passing], suspect };
 }
 
-function sentence(note, state) {
-  return note === "unsteady" && state === "contact" ? `${PASSING[note]}: the interval is wide` : PASSING[note];
+function sentence(note, state, noun) {
+  const said = PASSING[note](noun);
+  return note === "unsteady" && state === "contact" ? `${said}: the interval is wide` : said;
 }

@@ -71,10 +71,11 @@ class PlateLine(ForkedLine):
             time.sleep(0.02)  # the pace of a client
         return found
 
-    def press(self, pressed: Pressed, rng: np.random.Generator) -> None:
-        """Lift what lies there, press anywhere on the plate, and add what is said of it."""
+    def press(self, pressed: Pressed, rng: np.random.Generator, rest_s: float = 0.0) -> None:
+        """Lift what lies there, let the plate rest once it is clear, press anywhere, and add what is said of it."""
         self.rig.put("")
         wait_until(lambda: self.contact().get("state") == "clear", pause_s=0.02)
+        time.sleep(rest_s)  # of the plate: the world waits here, not the test
         place_mm, force_n = rng.uniform(RIM_MM, SIZE_MM - RIM_MM), rng.uniform(*FORCE_N)
         self.rig.put(f"{place_mm[0]:.4f} {place_mm[1]:.4f} {force_n:.4f}")
         pressed.add(self.settled(), place_mm)
