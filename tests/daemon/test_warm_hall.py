@@ -22,7 +22,7 @@ from .service import TOKEN, Service, serving
 
 pytestmark = [pytest.mark.anyio, pytest.mark.long]
 
-RATE, MAX_MM = 320, 0.05
+RATE, MAX_MM = 160, 0.05
 """Drift of the rig [um/min], and the distance from the last tare up to which the daemon follows it."""
 
 

@@ -99,6 +99,7 @@ CONSOLE = {
     "docs/how-to/micropython-board.md": 2,  # a board
     "docs/how-to/opcua.md": 1,  # the name of a host
     "docs/how-to/sweeps.md": 1,  # a cluster
+    "docs/how-to/time-series.md": 1,  # another database
     "docs/how-to/troubleshooting.md": 2,  # systemd, a serial line
     "docs/how-to/two-hosts.md": 5,  # systemd and root
     "docs/how-to/upgrade.md": 1,  # systemd and root
