@@ -202,9 +202,10 @@ def _meant(kind: type[BaseModel], location: Sequence[int | str]) -> str:
     if other and any(key in axes for axes in _AXES):
         return f"places are stated as {' and '.join(sorted(other))} here"
     longer = [name for name in own if name.startswith(f"{key}_") or name.endswith(f"_{key}")]
-    near = longer if len(longer) in (1, 2) else get_close_matches(key, own, n=1, cutoff=_ALIKE)
+    near = longer if 1 <= len(longer) <= 3 else get_close_matches(key, own, n=1, cutoff=_ALIKE)
     if near:
-        return f"did you mean {' or '.join(near)}?"
+        *most, last = near
+        return f"did you mean {', '.join(most)}{' or ' if most else ''}{last}?"
     elsewhere = [path for path, keys in tables.items() if key in keys]
     if elsewhere:
         return f"it belongs in {f'[{elsewhere[0]}]' if elsewhere[0] else 'the file before all tables'}"

@@ -88,6 +88,12 @@ def on_record(tmp_path: Path) -> list[tuple[str, int]]:
         return other.execute('SELECT "end", samples FROM events ORDER BY touched_us, id').fetchall()
 
 
+def on_trail(tmp_path: Path) -> list[str]:
+    """Action of each entry of the trail, read in the same way."""
+    with closing(sqlite3.connect(tmp_path / "events.db")) as other:
+        return [action for (action,) in other.execute("SELECT action FROM trail ORDER BY number")]
+
+
 IMPATIENT = "from beamtouch_service.record.database import sqlite as part; part._BUSY_S = 0.1"
 
 
@@ -199,6 +205,7 @@ def test_a_stop_during_a_commit_makes_durable_what_came_meanwhile(start: StartSe
     service = start(code=f"{PATIENT}\n{HANGS}\n{STOPS_LATE}\n{SAYS_WHEN}")
     service.post(batch_of(RESTING, TOUCHING, RESTING) | {"oldest": 1})
     wait_until(lambda: on_record(tmp_path) == [("lift", 1)])
+    wait_until(lambda: on_trail(tmp_path) == ["start", "model", "token"])  # nothing else is still to be written
     commits = (tmp_path / "commit").stat().st_size
     with closing(sqlite3.connect(tmp_path / "events.db", isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")

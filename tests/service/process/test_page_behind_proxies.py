@@ -30,7 +30,7 @@ from support.running.waiting import wait_until
 
 GUIDE = "docs/how-to/proxy.md"
 PLAIN, WITH_LOGIN = [block.text for block in blocks_of(GUIDE) if block.word == "nginx"]
-(HAPROXY,) = [block.text for block in blocks_of(GUIDE) if block.word == "haproxy"]
+HAPROXY, *_ = [block.text for block in blocks_of(GUIDE) if block.word == "haproxy"]
 HELD_BACK = """
     location /touch/ {
         proxy_pass http://127.0.0.1:8420/;
@@ -107,7 +107,8 @@ def test_all_of_the_page_comes_from_below_the_path(
     seen.page.go_back()
     seen.wait_for_state("contact")
 
-    links = seen.page.eval_on_selector_all("a[href]", "all => all.map(one => one.href)")
+    needs_attention, *links = seen.page.eval_on_selector_all("a[href]", "all => all.map(one => one.href)")
+    assert needs_attention == f"{base}/touch/?surface=press-8"
     assert links == [f"{base}/touch/contact?surface=press-7", f"{base}/touch/openapi.json"]
     contact, description = map(get, links)
     assert contact.json()["position_mm"] == 150
