@@ -13,6 +13,7 @@ from beamtouch_models.design.building.build import build_model
 from beamtouch_models.design.building.remarks import remarks
 from beamtouch_models.design.building.report.facts import gather
 from beamtouch_models.design.building.report.page import page
+from beamtouch_models.design.building.report.parts import parts_of
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.physics.measured_structure import measured_structure_of
 from beamtouch_models.errors import InputError, SceneError
@@ -69,6 +70,12 @@ def test_a_model_of_a_skin_holds_its_table(tmp_path: Path, design_sensors_roughl
     assert set(stored.channels) == set(SENSORS_MM)
 
 
+def test_a_report_gives_no_tolerance_for_sensors_that_stay_where_they_were_measured(model: Model) -> None:
+    parts = {part.name: part for part in parts_of(resolve(scene_of(GOOD)), model.metadata)}
+    assert "mounting" not in parts
+    assert parts["value at rest"].value == "0 uT"
+
+
 @pytest.mark.soak
 def test_a_report_of_a_skin_has_pictures_from_above_and_no_beam() -> None:
     layout = resolve(scene_of(GOOD)).place()
@@ -76,6 +83,7 @@ def test_a_report_of_a_skin_has_pictures_from_above_and_no_beam() -> None:
     text = page(gather(built, lambda _doing, _done: None))
     assert "beam" not in re.sub(r"(?i)beamtouch", "", text)
     assert "60 x 40 mm" in text
+    assert "The value at rest is 0 uT, and a sensor shows at most" in text
     assert "Its supports are not known, as its influence was measured" in text
     (drawing, *_) = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
     assert drawing.count('class="sensor') == len(SENSORS_MM)

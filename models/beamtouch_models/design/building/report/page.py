@@ -13,7 +13,13 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.building.remarks import weak_spot
 from beamtouch_models.design.building.report.beam_drawing import beam_drawing
 from beamtouch_models.design.building.report.facts import PROFILE_BINS, Facts, Part, edges_of
-from beamtouch_models.design.building.report.parts import PLACE_HEADS, parts_of, places_of, supports_in_words
+from beamtouch_models.design.building.report.parts import (
+    PLACE_HEADS,
+    parts_of,
+    places_of,
+    quantity_of,
+    supports_in_words,
+)
 from beamtouch_models.design.building.report.plate_pictures import (
     Map,
     draw_maps,
@@ -88,6 +94,7 @@ def page(facts: Facts) -> str:
         place_of={channel.name: in_words(list(metadata.place_of(channel).values())) for channel in metadata.layout},
         fine_unit=small.replace("um", "µm"),
         in_fine=in_small,
+        quantity=quantity_of(metadata.unit),
         of_unit=lambda value: f"{digits(value, 3)} {metadata.unit}",
         css=here.joinpath("style.css").read_text(encoding="utf-8") + STYLE,
         drawing=drawing,

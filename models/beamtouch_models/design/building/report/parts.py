@@ -109,11 +109,11 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
         Part(
             "linear range",
             f"{sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} {unit}",
-            f"{'gaps' if unit == MM else 'values'} between which a sensor measures",
+            f"{quantity_of(unit)}s between which a sensor measures",
             _source(stated="range_mm" in scene.sensors.model_fields_set),
         ),
         Part(
-            "gap at rest" if unit == MM else "value at rest",
+            f"{quantity_of(unit)} at rest",
             f"{digits(sensor.standoff_mm, 3)} {unit}",
             f"set it with the {'plate' if scene.has_two_axes else 'beam'} in place; with "
             f"{metadata.ranges.force_n[1]:g} N lying on it, sensors see "
@@ -133,9 +133,14 @@ def parts_of(surface: Surface, metadata: Metadata) -> list[Part]:
             _source(stated="rate_hz" in scene.sensors.model_fields_set),
         ),
         *_of_errors(scene, surface.readings, unit),
-        _mounting(surface, metadata),
+        *([] if scene.measured is not None else [_mounting(surface, metadata)]),  # sensors stay where they stood then
         _temperature(scene),
     ]
+
+
+def quantity_of(unit: str) -> str:
+    """Return the word for what a sensor with a unit measures."""
+    return "gap" if unit == MM else "value"
 
 
 def typeset(value: float, unit: str, count: int = 3) -> str:
