@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.onnx_graph import Graph
-from beamtouch_models.design.estimators.posterior.answers import Whitened
+from beamtouch_models.design.estimators.posterior.fitted_cells import Whitened
 from beamtouch_models.design.estimators.posterior.window import FirstStage, Table, table_of
 from beamtouch_models.design.sweeps import Fraction
 

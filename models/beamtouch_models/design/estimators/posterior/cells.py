@@ -8,14 +8,8 @@ import onnx
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.onnx_graph import Graph, model
-from beamtouch_models.design.estimators.posterior.answers import (
-    Grid,
-    likely_misfit,
-    lowest_of,
-    scored,
-    state_answers,
-    whitened,
-)
+from beamtouch_models.design.estimators.posterior.answers import Grid, likely_misfit, lowest_of, state_answers
+from beamtouch_models.design.estimators.posterior.fitted_cells import scored, whitened
 from beamtouch_models.places import on_axis
 
 FINE = 20_001

@@ -35,15 +35,12 @@ from beamtouch_models.design.estimators.posterior.answers import (
     MIN_EXPONENT,
     QUANTILES,
     Masses,
-    Scored,
-    Whitened,
     likely_misfit,
     masses_of,
     reaching,
-    scored,
     state_force,
-    whitened,
 )
+from beamtouch_models.design.estimators.posterior.fitted_cells import Scored, Whitened, scored, whitened
 from beamtouch_models.runtime.metadata import CORRELATION_OUTPUT, EVIDENCE_OUTPUTS, FORCE_OUTPUTS
 
 PARTS = 32

@@ -33,23 +33,14 @@ import onnx
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.onnx_graph import Graph, model
-from beamtouch_models.design.estimators.posterior.answers import (
-    MIN_MASS,
-    Grid,
-    Scored,
-    Whitened,
-    likely_misfit,
-    scored,
-    state_answers,
-    whitened,
-    widening,
-)
+from beamtouch_models.design.estimators.posterior.answers import MIN_MASS, Grid, likely_misfit, state_answers
 from beamtouch_models.design.estimators.posterior.cells import (
     cells_of,
     fixed_cells_graph,
     influence_path_of,
     resolving_cells,
 )
+from beamtouch_models.design.estimators.posterior.fitted_cells import Scored, Whitened, scored, whitened, widening
 from beamtouch_models.design.estimators.posterior.plane import plane_graph
 from beamtouch_models.places import on_axis
 
