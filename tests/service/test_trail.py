@@ -16,6 +16,7 @@ from beamtouch_service.access import Access
 from beamtouch_service.api.changes import make_entry, note_model
 from beamtouch_service.record import Action
 from beamtouch_service.record.trail import pending
+from beamtouch_service.record.trail.entry import Entry
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, batch_of, kind, surface_of
 from service.event_story import RESTING
@@ -321,3 +322,20 @@ def test_a_user_is_believed_from_a_trusted_proxy_only(
     bench.pass_second()
     (entry,) = audit(bench, "?action=token&limit=1")["entries"]
     assert (entry["by"], entry["token"], entry["address"]) == who
+
+
+def test_another_record_gets_each_state_once() -> None:
+    trail = pending.PendingTrail()
+
+    def note(action: Action) -> None:
+        trail.note_state(action, "", "", 1, 0.0, lambda: Entry(1, action, "{}"))
+
+    note(Action.TARE)
+    assert [entry.action for entry in trail.take_due(0.0)] == [Action.TARE]
+    note(Action.MODEL)
+    written = trail.take_due(0.0)
+    note(Action.TOKEN)  # while the first entry of the new record is written
+    trail.forget_states(but=written)
+    for action in (Action.TARE, Action.MODEL, Action.TOKEN):
+        note(action)
+    assert [entry.action for entry in trail.take_due(0.0)] == [Action.TOKEN, Action.TARE]

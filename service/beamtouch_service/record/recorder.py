@@ -275,7 +275,7 @@ class Recorder:
             self._writer.note(str(error))
             return False
         if added and added[0].number == 1:  # this record is a new one, perhaps in the place of another
-            self.trail.forget_states()
+            self.trail.forget_states(but=due)
         log_added(added)
         return True
 

@@ -69,6 +69,7 @@ class PendingTrail:
         """Put back what could not be committed, before what came meanwhile."""
         self.due = due + self.due
 
-    def forget_states(self) -> None:
-        """Note all states anew: the record is another one."""
-        self._states.clear()
+    def forget_states(self, but: list[Entry]) -> None:
+        """Note all states anew, but not those of some entries and of what is due: another record has these, or will."""
+        kept = {entry.key for entry in (*but, *self.due)}
+        self._states = {key: noted for key, noted in self._states.items() if key in kept}
