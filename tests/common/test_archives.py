@@ -118,10 +118,17 @@ def test_files_from_elsewhere_need_a_root(plant: Path, tmp_path: Path) -> None:
     assert found(tmp_path / "root") == {f"{tmp_path}/elsewhere"[1:]: b"other\n"}
 
 
+def content_of(archive: tarfile.TarFile, name: str) -> bytes:
+    """Return the content of a member."""
+    file = archive.extractfile(name)
+    assert file is not None, name
+    return file.read()
+
+
 def rewrite(archive: Path, change: Change) -> None:
     """Write an archive anew whose members were changed."""
     with tarfile.open(archive) as before:
-        members = {one.name: before.extractfile(one).read() for one in before}  # type: ignore[union-attr]
+        members = {name: content_of(before, name) for name in before.getnames()}
     change(members)
     with tarfile.open(archive, "w:gz") as after:
         for name, content in members.items():
@@ -182,7 +189,7 @@ def test_links_in_an_archive_or_in_the_target_lead_nowhere(plant: Path, tmp_path
     with pytest.raises(InputError, match="a link leads out of"):
         restore_archive(archive, tmp_path / "new", None)
     with tarfile.open(archive) as before:
-        listed = before.extractfile("list.json").read()  # type: ignore[union-attr]
+        listed = content_of(before, "list.json")
     with tarfile.open(archive, "w:gz") as after:
         first, link = tarfile.TarInfo("list.json"), tarfile.TarInfo("folder/service.toml")
         first.size, link.type, link.linkname = len(listed), tarfile.SYMTYPE, "/etc/passwd"

@@ -1,18 +1,14 @@
 """The whole line of a structure that no scene describes, with curved sensors: from measured loads to `GET /contact`."""
 
 from pathlib import Path
-from typing import Any
 
-import httpx2
 import numpy as np
 import pytest
 
 from beamtouch_models import change_scene, daemon_config, format_scene, resolve
 from line import Surface
 from models.test_measured_structures import optical, recorded_loads
-from support.network.plain_http import NO_TLS, TIMEOUT_S
 from support.programs.forked_line import ForkedLine
-from support.running.waiting import wait_until
 from support.surfaces.tapered_leaf import scene_of
 
 pytestmark = pytest.mark.long
@@ -43,16 +39,6 @@ def test_a_contact_on_a_measured_structure_is_at_its_place(tmp_path: Path) -> No
     with ForkedLine(
         tmp_path, tmp_path / "leaf.toml", tmp_path / "leaf.onnx", tmp_path / "built.toml", [surface]
     ) as line:
-
-        def contact() -> dict[str, Any]:
-            found: dict[str, Any] = httpx2.get(f"{line.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S).json()
-            return found
-
-        def is_settled() -> bool:
-            found = contact()
-            return found.get("state") == "contact" and not found["notes"] and found["readings"] > 20
-
-        wait_until(is_settled)
-        found = contact()
+        found = line.wait_for_still_contact()
     assert abs(found["position_mm"] - PLACE_MM) < OFF_MM, found
     assert abs(found["force_n"] - FORCE_N) < 0.1 * FORCE_N, found

@@ -1,17 +1,13 @@
 """The whole line of a skin that is known from loads alone: by the guide's commands to `GET /contact` with two axes."""
 
 from pathlib import Path
-from typing import Any
 
-import httpx2
 import pytest
 
 from beamtouch_models import cli
 from line import Surface
 from models.test_measured_skins import GRID, recorded
-from support.network.plain_http import NO_TLS, TIMEOUT_S
 from support.programs.forked_line import ForkedLine
-from support.running.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
@@ -49,17 +45,7 @@ def test_a_contact_on_a_skin_is_at_its_place(tmp_path: Path) -> None:
     words = ["build", "--loads", loads, "-o", model, "--daemon-config", built, "--effort", "0.01"]
     assert cli.main([str(word) for word in words]) == 0
     with ForkedLine(tmp_path, scene, model, built, [Surface("skin", "modbus-tcp", script)]) as line:
-
-        def contact() -> dict[str, Any]:
-            found: dict[str, Any] = httpx2.get(f"{line.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S).json()
-            return found
-
-        def is_settled() -> bool:
-            found = contact()
-            return found.get("state") == "contact" and not found["notes"] and found["readings"] > 20
-
-        wait_until(is_settled)
-        found = contact()
+        found = line.wait_for_still_contact()
     for axis, true_mm in (("x", X_MM), ("y", Y_MM)):
         assert abs(found[f"{axis}_mm"] - true_mm) < OFF_MM, found
         assert found[f"{axis}_low_mm"] < found[f"{axis}_mm"] < found[f"{axis}_high_mm"], found

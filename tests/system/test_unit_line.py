@@ -1,7 +1,6 @@
 """The whole line of a structure with strain gauges in uV/V: from measured loads to `GET /contact` and the page."""
 
 from pathlib import Path
-from typing import Any
 
 import httpx2
 import pytest
@@ -11,7 +10,6 @@ from line import Surface
 from support.network.plain_http import NO_TLS, TIMEOUT_S
 from support.pages.browser import OpenPage
 from support.programs.forked_line import ForkedLine
-from support.running.waiting import wait_until
 from support.surfaces.strain_gauges import GAUGES_MM, loads_csv, scene_of
 
 pytestmark = pytest.mark.long
@@ -41,22 +39,12 @@ def test_a_contact_is_found_and_shown_in_the_unit_of_its_gauges(tmp_path: Path, 
         (tmp_path / name).write_text(text)
     surface = Surface("bar", "modbus-tcp", tmp_path / "script.toml")
     with ForkedLine(tmp_path, tmp_path / "bar.toml", tmp_path / "bar.onnx", tmp_path / "built.toml", [surface]) as line:
-
-        def answer(path: str) -> dict[str, Any]:
-            found: dict[str, Any] = httpx2.get(line.url + path, verify=NO_TLS, timeout=TIMEOUT_S).json()
-            return found
-
-        def is_settled() -> bool:
-            found = answer("/contact")
-            return found.get("state") == "contact" and not found["notes"] and found["readings"] > 20
-
-        wait_until(is_settled)
-        found, seen = answer("/contact"), open_page(line.url)
+        found, seen = line.wait_for_still_contact(), open_page(line.url)
         seen.wait_for_state("contact")
         seen.wait_for_text("channels", "\u2212")
         rows = [text.split() for text in seen.text("channels").splitlines()]
         heads, caption = seen.page.inner_text("#channels-title + table thead"), seen.text("beam-words")
-        summary = answer("/surfaces/bar")
+        summary = httpx2.get(f"{line.url}/surfaces/bar", verify=NO_TLS, timeout=TIMEOUT_S).json()
     assert abs(found["position_mm"] - PLACE_MM) < OFF_MM, found
     assert abs(found["force_n"] - FORCE_N) < 0.1 * FORCE_N, found
     assert summary["unit"] == "uV/V"

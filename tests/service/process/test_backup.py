@@ -10,7 +10,7 @@ import pytest
 
 from service.bench import TOKEN, BuildModel, batch_of
 from service.event_story import RESTING, TOUCHING
-from service.process.conftest import Command, Service, StartService, service_of
+from service.process.conftest import Command, Process, Service, StartService, service_of
 from support.running.waiting import wait_until
 
 CONFIG = """
@@ -31,7 +31,7 @@ def answers(service: Service) -> list[Any]:
     return [service.get(path, TOKEN).json() for path in paths]
 
 
-def done(process: Any) -> tuple[int, str, str]:  # noqa: ANN401  # as `Command` gives it
+def done(process: Process) -> tuple[int, str, str]:
     said, errors = process.communicate(timeout=60)
     return process.wait(), said, errors
 

@@ -8,10 +8,14 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
+
+import httpx2
 
 from line import Line
+from support.network.plain_http import NO_TLS, TIMEOUT_S
 from support.programs.forked import Forked
+from support.running.waiting import wait_until
 
 MODULES = {
     "beamtouch-daemon": "beamtouch_daemon.cli",
@@ -33,6 +37,21 @@ class ForkedLine(Line):
         process.stdin.close()
         # It does all that a line asks of one.
         self._processes[name] = cast("subprocess.Popen[str]", process)
+
+    def contact(self) -> dict[str, Any]:
+        """Return what the service answers now."""
+        found: dict[str, Any] = httpx2.get(f"{self.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S).json()
+        return found
+
+    def wait_for_still_contact(self) -> dict[str, Any]:
+        """Return the contact once it has no note, and a mean of more readings than a touch has."""
+
+        def is_still() -> bool:
+            found = self.contact()
+            return found.get("state") == "contact" and not found["notes"] and found["readings"] > 20
+
+        wait_until(is_still)
+        return self.contact()
 
 
 class Rig:

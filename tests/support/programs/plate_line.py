@@ -4,12 +4,10 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
-import httpx2
 import numpy as np
 
 from beamtouch_models.arrays import Floats
 from line import Surface
-from support.network.plain_http import NO_TLS, TIMEOUT_S
 from support.programs.forked_line import ForkedLine, Rig
 from support.running.waiting import wait_until
 
@@ -58,11 +56,6 @@ class PlateLine(ForkedLine):
 
     def _start_rig(self, surface: Surface) -> dict[str, Any]:
         return {"kind": surface.kind, "host": "127.0.0.1", "port": int(self.rig.place)}
-
-    def contact(self) -> dict[str, Any]:
-        """Return what the service answers now."""
-        found: dict[str, Any] = httpx2.get(f"{self.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S).json()
-        return found
 
     def settled(self) -> dict[str, Any]:
         """Return the contact once its load rests, or what there is after some seconds."""
