@@ -87,6 +87,7 @@ async def _serve(section: OpcUaSection, security: Security, address: Address, co
             tasks.create_task(_end_orphans(sessions))
             tasks.create_task(space.require_same_axes())
     finally:
+        sessions.asyncio_transports.end()
         with suppress(TimeoutError):
             async with asyncio.timeout(STOP_S):
                 await server.stop()

@@ -59,10 +59,22 @@ class Transports(list[asyncio.BaseTransport]):
     def __init__(self, max_pending: int) -> None:
         """`max_pending`: messages of one connection that may wait; with more, the library closes it."""
         super().__init__()
-        self._max_pending, self._turns = max_pending, Turns()
+        self._max_pending, self._turns, self._is_ended = max_pending, Turns(), False
 
     def append(self, transport: asyncio.BaseTransport) -> None:
         """List the transport of a connection that begins: it has not taken a message yet."""
         protocol: Any = transport.get_protocol()
         protocol.messages = _Messages(self._max_pending, self._turns)
         super().append(transport)
+        if self._is_ended:
+            transport.close()
+
+    def end(self) -> None:
+        """Close all, and each that still comes.
+
+        The library closes those that it knows before it stops to listen. One that came in between would go on reading
+        from a server that nothing updates any more: its values would stay as they are, and stay good.
+        """
+        self._is_ended = True
+        for transport in self:
+            transport.close()
