@@ -1,6 +1,7 @@
 // The list of what needs a technician now, on all surfaces of the service.
 
 import { byId, html } from "./dom.js";
+import { heard, say } from "./say.js";
 import { inZone } from "./times.js";
 
 const AGAIN_MS = 5000;
@@ -44,16 +45,16 @@ export class Alarms {
     const rest = alarms.length - MOST;
     byId("alarms").replaceChildren(
       ...alarms.slice(0, MOST).map((alarm) => this.line(alarm)),
-      ...(rest > 0 ? [html("li", {}, `and ${rest} more`)] : []),
+      ...(rest > 0 ? [html("li", {}, say`and ${rest} more`)] : []),
     );
     byId("alarms-section").hidden = alarms.length === 0;
   }
 
   line({ key, surface, name, title, detail, since }) {
     const where = surface ? html("a", { href: `?surface=${encodeURIComponent(surface)}` }, surface) : `[${name}]`;
-    const when = since ? ["since ", since] : ["seen since ", this.seen.get(key).toISOString()];
+    const when = since ? [say`since`, since] : [say`seen since`, this.seen.get(key).toISOString()];
     const time = html("time", { datetime: when[1] }, inZone(when[1]));
-    return html("li", {}, html("strong", {}, where, title ? `: ${title}` : ""), " ", when[0], time, html("p", {}, detail));
+    return html("li", {}, html("strong", {}, where, title ? `: ${heard(title)}` : ""), ` ${when[0]} `, time, html("p", {}, heard(detail)));
   }
 }
 

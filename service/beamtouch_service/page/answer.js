@@ -1,5 +1,7 @@
 // Whose answer it is: the service's own, or that of a proxy in front of it. No document here.
 
+import { say } from "./say.js";
+
 /** For each request: a redirection is none of the service. */
 export const PLAIN = { cache: "no-store", redirect: "manual" };
 
@@ -17,8 +19,8 @@ export function own(answer) {
 }
 
 function words({ ok, status, type }) {
-  if (ok || type === "opaqueredirect") return "A proxy answers with a page of its own, perhaps a login: load this page again.";
-  if (status === 401 || status === 403 || status === 407) return `A proxy asks for a login (${status}): load this page again.`;
-  if (status >= 502 && status <= 504) return `A proxy does not reach the service (${status}).`;
-  return `A proxy answers in place of the service (${status}).`;
+  if (ok || type === "opaqueredirect") return say`A proxy answers with a page of its own, perhaps a login: load this page again.`;
+  if (status === 401 || status === 403 || status === 407) return say`A proxy asks for a login (${status}): load this page again.`;
+  if (status >= 502 && status <= 504) return say`A proxy does not reach the service (${status}).`;
+  return say`A proxy answers in place of the service (${status}).`;
 }

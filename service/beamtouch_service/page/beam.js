@@ -3,6 +3,7 @@
 import { axis, hatch, sensors, supports } from "./beam_parts.js";
 import { shapeUnder, spline } from "./curves.js";
 import { svg } from "./dom.js";
+import { say } from "./say.js";
 
 const MARGIN = 36;
 const LEAST_DEFLECTION_MM = 0.1;
@@ -31,7 +32,7 @@ export class BeamView {
     const { width, height } = this.element.getBoundingClientRect();
     if (width < 50 || !shown.length) {
       this.element.replaceChildren();
-      this.caption("The beam is drawn once the service says what it looks like.");
+      this.caption(say`The beam is drawn once the service says what it looks like.`);
       return;
     }
     const seen = shown.channels.filter((channel) => channel.quality === "good" && channel.deflection_mm !== null);
@@ -88,13 +89,14 @@ function bentOf(shown, drawn, seen) {
 }
 
 function captionOf(shown, drawn, seen, scale) {
-  if (!seen.length) return "Position and deflection are not known.";
-  const times = isLength(shown) ? `${scale.factor} times larger` : `in ${seen[0].unit}, to a scale of their own`;
-  const circles = `Circles: measured deflection, ${times}.`;
+  if (!seen.length) return say`Position and deflection are not known.`;
+  const circles = isLength(shown)
+    ? say`Circles: measured deflection, ${scale.factor} times larger.`
+    : say`Circles: measured deflection, in ${seen[0].unit}, to a scale of their own.`;
   if (shown.kind === "clear") return circles;
-  if (shown.kind !== "contact") return `${circles} The shape between them is not known.`;
-  const by = drawn ? "Line: the beam by the model." : "Line: a smooth curve through them.";
-  return `${circles} ${by} Hatched: 95 % interval.`;
+  if (shown.kind !== "contact") return `${circles} ${say`The shape between them is not known.`}`;
+  const by = drawn ? say`Line: the beam by the model.` : say`Line: a smooth curve through them.`;
+  return `${circles} ${by} ${say`Hatched: 95 % interval.`}`;
 }
 
 /** A deflection in mm has the scale of the beam; one in another unit, as uV/V, has none that is right. */

@@ -1,6 +1,8 @@
 // The parts of the drawing that do not move with the beam: axis, supports, sensors.
 
 import { roundTicks, svg } from "./dom.js";
+import { inWords as qualityInWords } from "./qualities.js";
+import { say } from "./say.js";
 
 const LABEL_PX = 74;
 const BOX_PX = 12; // height of a sensor, and its width if the model does not state one
@@ -60,7 +62,7 @@ export function sensors(shown, drawn, scale) {
     const cross = svg("path", { class: "sensor bad", d: `M${x - left} ${y}l${width} ${BOX_PX}m0-${BOX_PX}l-${width} ${BOX_PX}` });
     const stands = suspect ? "suspect" : works ? "" : "bad";
     const label = svg("text", { x, y: y + 27 + row * 14, "text-anchor": "middle", class: stands });
-    label.append(suspect ? `check ${channel.name}` : works ? channel.name : `${channel.name} ${channel.quality}`);
+    label.append(suspect ? say`check ${channel.name}` : works ? channel.name : `${channel.name} ${qualityInWords(channel.quality)}`);
     const lead = svg("path", { class: "lead", d: `M${x} ${scale.y(0)}V${y}` });
     return works ? [lead, box, label] : [lead, box, cross, label];
   });

@@ -5,16 +5,19 @@
 import { below, own, PLAIN } from "./answer.js";
 import { byId, html, setText, sign, svg } from "./dom.js";
 import { inWords } from "./places.js";
+import { heard, say } from "./say.js";
+import { dayAndTime } from "./times.js";
 import { possible, refuses } from "./token.js";
 
 const EVERY_MS = 300;
 const ASK_MS = 20_000; // a record that is away may take that long to say so
-const GONE = "The service was restarted, or somebody ended this commissioning. Begin again.";
-const LOST = "The service does not answer. Trying again.";
-const MEMORY = "This service keeps its record in memory only: download the result before it stops.";
-const INTRODUCTION =
-  "Press above each sensor, then at marks, while the page watches every channel. It takes some three minutes. " +
-  "Tare the sensors first, and take everything off.";
+const GONE = say`The service was restarted, or somebody ended this commissioning. Begin again.`;
+const LOST = say`The service does not answer. Trying again.`;
+const MEMORY = say`This service keeps its record in memory only: download the result before it stops.`;
+const INTRODUCTION = [
+  say`Press above each sensor, then at marks, while the page watches every channel. It takes some three minutes.`,
+  say`Tare the sensors first, and take everything off.`,
+].join(" ");
 const KINDS = { right: "good", dead: "bad", inverted: "bad", swapped: "bad", gain: "bad", unsure: "unsure", unseen: "unsure" };
 const SIGNS = { good: "good", bad: "bad", unsure: "unknown" };
 
@@ -101,7 +104,7 @@ export class Commissioning {
       const body = await answer.json();
       if (round !== this.round) return;
       if (answer.ok) this.take(body);
-      else setText(part("prompt"), body.title ?? LOST);
+      else setText(part("prompt"), heard(body.title) ?? LOST);
     } catch {
       if (round !== this.round) return;
       setText(part("prompt"), LOST);
@@ -124,7 +127,7 @@ export class Commissioning {
     this.run = run;
     this.lasting = lasting;
     if (before && !run) {
-      this.note = ended ?? GONE;
+      this.note = heard(ended) ?? GONE;
       this.askNewest(); // somebody else may have put it on record
     }
     this.draw();
@@ -138,14 +141,14 @@ export class Commissioning {
   confirm(event) {
     event.preventDefault();
     const by = part("by").value.trim();
-    if (!by) return this.complain("Type your name.", "by");
+    if (!by) return this.complain(say`Type your name.`, "by");
     this.act("confirm", `/confirm?run=${this.run?.id}&by=${encodeURIComponent(by)}`);
   }
 
   async act(action, query) {
     const text = this.write ?? part("token").value.trim();
     setText(part("error"), "");
-    if (!possible(text)) return this.complain("Type the write token of the service.", "token");
+    if (!possible(text)) return this.complain(say`Type the write token of the service.`, "token");
     clearTimeout(this.timer); // what is asked meanwhile would be shown after this
     this.round++;
     try {
@@ -156,12 +159,12 @@ export class Commissioning {
       if (refuses(answer)) {
         this.write = null;
         this.draw();
-        this.complain(body.detail, "token");
+        this.complain(heard(body.detail), "token");
         return this.ask();
       }
       this.write = text;
       part("token").value = "";
-      if (!answer.ok) this.complain(`${body.title}. ${body.detail}`);
+      if (!answer.ok) this.complain(`${heard(body.title)}. ${heard(body.detail)}`);
       else if (action === "confirm") this.recorded(body);
       else this.done(action, body);
     } catch {
@@ -173,13 +176,13 @@ export class Commissioning {
   recorded(result) {
     this.run = null;
     this.newest = result;
-    this.note = `The result is on record as number ${result.id}.`;
+    this.note = say`The result is on record as number ${result.id}.`;
     this.draw();
   }
 
   done(action, state) {
     if (action === "abandon") this.run = null;
-    this.note = action === "abandon" ? (state.ended ?? "") : "";
+    this.note = action === "abandon" ? (heard(state.ended) ?? "") : "";
     this.take(state);
   }
 
@@ -191,12 +194,12 @@ export class Commissioning {
   draw() {
     const { run, newest } = this;
     const isDone = run !== null && run.step >= run.steps;
-    setText(part("prompt"), run ? run.prompt : this.note || "No commissioning is under way.");
+    setText(part("prompt"), run ? heard(run.prompt) : this.note || say`No commissioning is under way.`);
     setText(part("help"), run ? (this.lasting || !isDone ? "" : MEMORY) : INTRODUCTION);
     part("held").hidden = run?.stage !== "hold";
     part("held").value = run?.held ?? 0;
     drawSteps(run);
-    drawVerdict(run?.report.verdict ?? []);
+    drawVerdict((run?.report.verdict ?? []).map(heard));
     part("token-row").hidden = this.write !== null;
     part("begin").hidden = run !== null && this.write !== null;
     part("start").hidden = part("start").disabled = run !== null; // disabled, it takes no Enter
@@ -204,7 +207,7 @@ export class Commissioning {
     part("confirm").hidden = !isDone;
     part("abandon").hidden = !run;
     part("newest").hidden = newest === null || run !== null;
-    if (newest) setText(part("newest-words"), `On record: ${summary(newest)}`);
+    if (newest) setText(part("newest-words"), say`On record: ${summary(newest)}`);
   }
 
   /** The service makes the file; a link could not carry the token. */
@@ -212,7 +215,7 @@ export class Commissioning {
     const { id } = this.newest;
     try {
       const answer = await this.token.ask(this.path(`s/${id}?format=${format}`));
-      if (!answer.ok) return this.complain((await answer.json()).detail);
+      if (!answer.ok) return this.complain(heard((await answer.json()).detail));
       const link = html("a", {
         href: URL.createObjectURL(await answer.blob()),
         download: `commissioning-${this.surface}-${id}.${format === "text" ? "txt" : "json"}`,
@@ -225,11 +228,11 @@ export class Commissioning {
   }
 }
 
-const passed = (report) => (report.passed ? "passed" : "not passed");
+const passed = (report) => (report.passed ? say`passed` : say`not passed`);
 
 function summary(report) {
-  const at = new Date(report.ended_at).toLocaleString("en-GB");
-  return `${passed(report)}, ${at}, by ${report.by}. ${report.verdict.join(" ")}`;
+  const verdict = report.verdict.map(heard).join(" ");
+  return say`${passed(report)}, ${dayAndTime(report.ended_at)}, by ${report.by}. ${verdict}`;
 }
 
 /** The steps as a list; its items stay, only what changed in them is written. */
@@ -249,14 +252,15 @@ function drawSteps(run) {
 }
 
 function ofSensor({ name, at_mm: at, finding, says }) {
-  return { title: `${name}, ${inWords(Object.values(at), 0)} mm`, says, kind: KINDS[finding] };
+  return { title: `${name}, ${inWords(Object.values(at), 0)} mm`, says: heard(says), kind: KINDS[finding] };
 }
 
 function ofPlace({ at_mm: at, says, stated_mm: stated, error_mm: error, allowed_mm: allowed }) {
   const isRight = error !== null && Object.entries(error).every(([axis, mm]) => Math.abs(mm) <= allowed[axis]);
   const middles = Object.values(stated ?? {}).map(([middle]) => middle);
-  const words = middles.length ? `${inWords(middles, 1)} mm, ${says}` : says;
-  const title = `mark at ${inWords(Object.values(at), 0)} mm`;
+  const said = says?.split("; ").map(heard).join("; ");
+  const words = middles.length ? `${inWords(middles, 1)} mm, ${said}` : said;
+  const title = say`mark at ${inWords(Object.values(at), 0)} mm`;
   return { title, says: words, kind: says ? (isRight ? "good" : "bad") : undefined };
 }
 

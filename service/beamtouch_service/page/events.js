@@ -3,7 +3,8 @@
 import { byId, html } from "./dom.js";
 import { COLUMNS } from "./fields.js";
 import { inWords } from "./places.js";
-import { zone } from "./times.js";
+import { named, say } from "./say.js";
+import { clock as timeOf, zone } from "./times.js";
 
 export class Events {
   constructor(token) {
@@ -57,7 +58,10 @@ export class Events {
 }
 
 /** The unit of times is their zone. */
-const heading = ({ name, label, unit = name === "touched_at" ? zone() : "" }) => html("th", { scope: "col" }, unit ? `${label}, ${unit}` : label);
+function heading({ name, label, unit }) {
+  const shown = name === "touched_at" ? zone() : unit;
+  return html("th", { scope: "col" }, shown ? `${named(label)}, ${shown}` : named(label));
+}
 
 /** Return the cell of a column; null if the one beside it covers it. */
 function cell(event, name, current) {
@@ -66,7 +70,7 @@ function cell(event, name, current) {
     case "touched_at":
       return html("th", { scope: "row" }, clock(event.touched_at));
     case "place":
-      return isUnexplained ? html("td", { colspan: 2, class: "doubt" }, "unexplained") : place(event);
+      return isUnexplained ? html("td", { colspan: 2, class: "doubt" }, say`unexplained`) : place(event);
     case "mean_force_n":
       return isUnexplained ? null : force(event);
     case "dwell_ms":
@@ -85,7 +89,7 @@ function place(event) {
   if (means.some(isUnknown)) return html("td", {}, "—");
   const hasMoved = axes.some((_, index) => least[index] < lows[index] || most[index] > highs[index]);
   if (hasMoved) return html("td", {}, axes.map((_, index) => span(least[index], most[index], "…")).join(", "));
-  const title = `${axes.map((_, index) => span(lows[index], highs[index], "to")).join(", ")} (95 %)`;
+  const title = `${axes.map((_, index) => span(lows[index], highs[index], say`to`)).join(", ")} (95 %)`;
   return html("td", { title }, inWords(means, 1));
 }
 
@@ -95,24 +99,24 @@ const span = (low, high, word) => `${low.toFixed(1)} ${word} ${high.toFixed(1)}`
 /** The mean force, and the largest one if it was clearly larger. */
 const force = ({ mean_force_n: mean, mean_force_low_n: low, mean_force_high_n: high, peak_force_n: peak }) => {
   const cell = number(mean, low, high);
-  if (peak > high) cell.append(`, at most ${peak.toFixed(1)}`);
+  if (peak > high) cell.append(say`, at most ${peak.toFixed(1)}`);
   return cell;
 };
 
-const clock = (at) => html("time", { datetime: at }, new Date(at).toLocaleTimeString("en-GB"));
+const clock = (at) => html("time", { datetime: at }, timeOf(new Date(at)));
 const number = (value, low, high) => {
   if (isUnknown(value)) return html("td", {}, "—");
-  return html("td", { title: `${span(low, high, "to")} (95 %)` }, value.toFixed(1));
+  return html("td", { title: `${span(low, high, say`to`)} (95 %)` }, value.toFixed(1));
 };
 const seconds = (ms) => (ms / 1000).toFixed(1);
 
 /** Return how long it lasted and was in zones, in s, whether its figures are uncertain, and how it ended; at least
  * that long where nobody saw the end. */
 function duration({ dwell_ms, end, kind, unexplained_ms, unsteady, zones }, current) {
-  const stays = Object.entries(zones ?? {}).map(([name, ms]) => `, ${seconds(ms)} in ${name}`);
-  const stretches = kind !== "unexplained" && unexplained_ms > 0 ? `, ${seconds(unexplained_ms)} unexplained` : "";
-  const within = stays.join("") + (unsteady ? `${stretches}, unsteady` : stretches);
-  if (end === "open" && current) return `still${within}`;
+  const stays = Object.entries(zones ?? {}).map(([name, ms]) => say`, ${seconds(ms)} in ${name}`);
+  const stretches = kind !== "unexplained" && unexplained_ms > 0 ? say`, ${seconds(unexplained_ms)} unexplained` : "";
+  const within = stays.join("") + (unsteady ? `${stretches}${say`, unsteady`}` : stretches);
+  if (end === "open" && current) return `${say`still`}${within}`;
   if (end === "lift") return `${seconds(dwell_ms)}${within}`;
   return `≥ ${seconds(dwell_ms)}${within}`;
 }

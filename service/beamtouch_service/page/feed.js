@@ -1,6 +1,7 @@
 // The connection to the service: one stream of one surface, opened again and again until it stands.
 
 import { Stranger } from "./answer.js";
+import { say } from "./say.js";
 import { EventParser } from "./sse.js";
 import { refuses } from "./token.js";
 
@@ -10,7 +11,7 @@ const RETRY_MS = 500; // twice as long after each failure
 const MOST_RETRY_MS = 5000;
 const WRONG_REPLICA = "urn:beamtouch:problem:wrong-replica";
 const LOCKED_RETRY_MS = 30_000; // each refusal counts in the log of the service
-const HELD_BACK = "The service answers, but its stream does not arrive. A proxy may hold it back.";
+const HELD_BACK = say`The service answers, but its stream does not arrive. A proxy may hold it back.`;
 
 /** Milliseconds between two moments, by the clock that says more: one may sleep with the machine, the other be set. */
 const between = (from, to) => Math.max(to.steady - from.steady, to.wall - from.wall, 0);
@@ -136,8 +137,8 @@ export class Feed {
   missing() {
     const names = this.surfaces.map((surface) => surface.name).join(", ");
     return names
-      ? { title: `There is no surface “${this.chosen}”`, detail: `There is ${names}.` }
-      : { title: "The service has no surface", detail: "Start it with --model MODEL or --config FILE." };
+      ? { title: say`There is no surface “${this.chosen}”`, detail: say`There is ${names}.` }
+      : { title: say`The service has no surface`, detail: say`Start it with --model MODEL or --config FILE.` };
   }
 
   /** The service is there, but says no: as true as any message, until asked again. */

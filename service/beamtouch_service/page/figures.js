@@ -2,6 +2,7 @@
 
 import { byId, html, setText, svg } from "./dom.js";
 import { FIGURES } from "./fields.js";
+import { named, say } from "./say.js";
 import { drawStrip } from "./strip.js";
 
 /** The figures of a surface, which take the place of those of another number of axes. */
@@ -41,7 +42,7 @@ function figure({ id, label, unit, axis }) {
   return html(
     "div",
     { class: `figure ${axis === null ? id : "place"}` },
-    html("dt", { id: `${id}-name` }, label),
+    html("dt", { id: `${id}-name` }, named(label)),
     html("dd", {}, html("span", { class: "digits", id }, "—"), " ", html("span", { class: "unit" }, unit)),
     html("dd", { class: "interval", id: `${id}-interval` }),
   );
@@ -51,7 +52,7 @@ function chart({ id, label, unit }) {
   return html(
     "figure",
     {},
-    html("figcaption", { id: `${id}-chart` }, `${label} in ${unit}, last minute`),
+    html("figcaption", { id: `${id}-chart` }, say`${named(label)} in ${unit}, last minute`),
     svg("svg", { id: `${id}-strip`, role: "img", "aria-labelledby": `${id}-chart` }),
   );
 }

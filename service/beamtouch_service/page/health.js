@@ -1,6 +1,8 @@
 // How the sensors have changed, in words.
 
 import { byId, html } from "./dom.js";
+import { heard, say } from "./say.js";
+import { day } from "./times.js";
 
 const AGAIN_MS = 10_000;
 
@@ -21,7 +23,7 @@ export class Health {
       const answer = await this.token.ask(`surfaces/${encodeURIComponent(surface)}`);
       const { health, wiring } = answer.ok ? await answer.json() : {};
       if (surface !== this.surface) return;
-      this.show([...(wiring ? [`Wiring: ${wiring}.`] : []), ...sentences(health ?? {})]);
+      this.show([...(wiring ? [say`Wiring: ${heard(wiring)}.`] : []), ...sentences(health ?? {})]);
     } catch {
       // The feed says that the connection is lost; what has changed is still changed.
     }
@@ -38,25 +40,25 @@ export class Health {
   }
 }
 
-/** A sentence for each sensor that has changed for certain. `health`: name -> what the service says of it. */
+/** A sentence for each change of a sensor that is certain. `health`: name -> what the service says of it. */
 function sentences(health) {
   return Object.entries(health)
     .filter(([, one]) => one.changed)
-    .map(([name, one]) => `${name} ${one.changes.map((part) => CHANGES[part]?.(one) ?? part).join(", and ")} since ${day(one.since)}.`);
+    .flatMap(([name, one]) => one.changes.map((part) => CHANGES[part]?.(name, one, day(one.since)) ?? `${name}: ${part}`));
 }
 
 const CHANGES = {
-  gain: ({ gain_percent: percent }) => `has ${percent < 0 ? "lost" : "gained"} ${round(Math.abs(percent))} %`,
-  zero: ({ zero_mm: zero, unit }) => `reads ${small(Math.abs(zero), unit)} too ${zero < 0 ? "little" : "much"} at rest`,
+  gain: (name, { gain_percent: percent }, since) =>
+    percent < 0
+      ? say`${name} has lost ${round(-percent)} % since ${since}.`
+      : say`${name} has gained ${round(percent)} % since ${since}.`,
+  zero: (name, { zero_mm: zero, unit }, since) =>
+    zero < 0
+      ? say`${name} reads ${small(-zero, unit)} too little at rest since ${since}.`
+      : say`${name} reads ${small(zero, unit)} too much at rest since ${since}.`,
 };
 
 const small = (value, unit) =>
   unit === "mm" ? `${(value * 1000).toFixed(0)} µm` : `${Number(value.toPrecision(2))} ${unit}`;
 
 const round = (percent) => percent.toFixed(percent < 3 ? 1 : 0);
-
-function day(at) {
-  const date = new Date(at);
-  const year = date.getFullYear() === new Date().getFullYear() ? {} : { year: "numeric" };
-  return date.toLocaleDateString("en-GB", { day: "numeric", month: "long", ...year });
-}

@@ -11,12 +11,17 @@ import { Figures } from "./figures.js";
 import { Health } from "./health.js";
 import { axesShown, inWords, isPlate, placeOf } from "./places.js";
 import { PlateView } from "./plate.js";
+import { say } from "./say.js";
 import { ANSWERS, describe, figures, hasMoved, misfit, RELOAD, words } from "./state.js";
 import { History } from "./strip.js";
 import { drawChannels } from "./tables.js";
+import { offerSettings, translate } from "./static_words.js";
 import { Token } from "./token.js";
 import { TokenForm } from "./token_form.js";
 import { bands, listZones } from "./zones.js";
+
+translate();
+offerSettings();
 
 const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
 const STEPS_PER_STRIP = 4;
@@ -71,7 +76,7 @@ function surfacesKnown() {
 /** At once, not with the next step: nothing of a surface outlives the token that it was read with. */
 function nameModel(name) {
   model = name;
-  setText(byId("model"), model ? `Model ${model}` : "");
+  setText(byId("model"), model ? say`Model ${model}` : "");
 }
 
 /** The surface that the address names; null if it names none. */
@@ -106,7 +111,7 @@ function step() {
 
 /** Figures must not outlive a page that cannot change them. */
 function fail() {
-  const shown = { kind: "problem", title: "This page has failed", detail: RELOAD, contact: null, age: null };
+  const shown = { kind: "problem", title: say`This page has failed`, detail: RELOAD, contact: null, age: null };
   drawNow(shown);
   speak(shown);
   said = ""; // so that all of the next state is shown again
@@ -164,7 +169,7 @@ function speak(shown) {
   const place = shown.kind === "contact" ? placeOf(shown.contact) : null;
   spoken = { at: performance.now(), place };
   passing.forEach((note) => heard.add(note));
-  setText(byId("status"), [words(shown, place && ` at ${inWords(place, 0)} mm`), ...passing].join(". "));
+  setText(byId("status"), [words(shown, place && say` at ${inWords(place, 0)} mm`), ...passing].join(". "));
 }
 
 function drawStrips(shown) {

@@ -3,6 +3,8 @@
 import { hatch } from "./beam_parts.js";
 import { roundTicks, svg } from "./dom.js";
 import { inWords, intervalOf, placeOf } from "./places.js";
+import { inWords as qualityInWords } from "./qualities.js";
+import { say } from "./say.js";
 
 const [LEFT, RIGHT, TOP, BOTTOM] = [44, 14, 14, 30];
 const LEAST_PX = 6; // of a sensor
@@ -25,7 +27,7 @@ export class PlateView {
     const { width, height } = this.element.getBoundingClientRect();
     if (width < 50 || !shown.length) {
       this.element.replaceChildren();
-      this.caption("The plate is drawn once the service says what it looks like.");
+      this.caption(say`The plate is drawn once the service says what it looks like.`);
       return;
     }
     const scale = scaleOf(shown, width, height);
@@ -102,7 +104,7 @@ function sensor(channel, shown, drawn, scale) {
   const [left, top] = [x - side / 2, y - side / 2];
   const parts = [svg("rect", { class: suspect ? "sensor suspect" : kind, x: left, y: top, width: side, height: side })];
   if (!works) parts.push(svg("path", { class: "sensor bad", d: `M${left} ${top}l${side} ${side}m0-${side}l-${side} ${side}` }));
-  const words = suspect ? `check ${channel.name}` : works ? channel.name : `${channel.name} ${channel.quality}`;
+  const words = suspect ? say`check ${channel.name}` : works ? channel.name : `${channel.name} ${qualityInWords(channel.quality)}`;
   const isRight = channel.x_mm > scale.length / 2;
   const isHigh = channel.y_mm > scale.width / 2;
   const at = {
@@ -156,9 +158,12 @@ function ellipse(contact) {
 }
 
 function captionOf(shown, drawn) {
-  const words = ["The plate from above, to scale."];
-  if (drawn?.supports.some(({ kind }) => kind === "spring")) words.push("Rings: supports that give way.");
+  const words = [say`The plate from above, to scale.`];
+  if (drawn?.supports.some(({ kind }) => kind === "spring")) words.push(say`Rings: supports that give way.`);
   if (shown.kind !== "contact") return words.join(" ");
   const isEllipse = typeof shown.contact.place_correlation === "number";
-  return [...words, `Hatched: ${isEllipse ? "where 95 % of such contacts are" : "the 95 % intervals of x and y"}.`].join(" ");
+  const hatched = isEllipse
+    ? say`Hatched: where 95 % of such contacts are.`
+    : say`Hatched: the 95 % intervals of x and y.`;
+  return [...words, hatched].join(" ");
 }

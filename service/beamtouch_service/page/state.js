@@ -2,16 +2,17 @@
 
 import { noted } from "./notes.js";
 import { axesOf, inWords, placeOf } from "./places.js";
+import { heard, say } from "./say.js";
+import { clock } from "./times.js";
 
 // Of these problems the channels are as new as ever.
 const CURRENT = ["too-few-channels", "unusable-estimate"];
 /** Kinds that are an answer of the service. */
 export const ANSWERS = ["contact", "clear", "unexplained"];
-const ASK = "The service gives its data only to those who have one. Ask whoever runs the service.";
-export const RELOAD = "Load it again.";
+const ASK = say`The service gives its data only to those who have one. Ask whoever runs the service.`;
+export const RELOAD = say`Load it again.`;
 const PREFIX = "urn:beamtouch:problem:";
 
-const clock = (date) => date.toLocaleTimeString("en-GB");
 const known = (value, digits) => (value === null || value === undefined ? "—" : value.toFixed(digits));
 
 /**
@@ -27,16 +28,16 @@ export function describe(feed) {
   const size = { length: shape?.length_mm ?? null, width: shape?.width_mm ?? null };
   const nothing = { contact: null, channels: stripped(shape), ...size, age: null };
   if (feed.link === "lost") {
-    return { ...nothing, kind: "lost", title: `No connection since ${clock(feed.since)}`, detail: `${feed.why} Trying again.`.trim() };
+    return { ...nothing, kind: "lost", title: say`No connection since ${clock(feed.since)}`, detail: `${feed.why} ${say`Trying again.`}`.trim() };
   }
-  if (feed.link === "locked") return { ...nothing, kind: "locked", title: "A reading token is needed", detail: ASK };
-  if (!message) return { ...nothing, kind: "waiting", title: "Connecting", detail: "" };
+  if (feed.link === "locked") return { ...nothing, kind: "locked", title: say`A reading token is needed`, detail: ASK };
+  if (!message) return { ...nothing, kind: "waiting", title: say`Connecting`, detail: "" };
   const age = message.age_ms === null ? null : message.age_ms + feed.silence;
   if (message.problem) return { ...nothing, age, ...problem(message) };
   // The page's own clock: what was fresh when it was sent is not fresh for ever.
   if (feed.surface && age > feed.surface.stale_ms) {
     const seconds = (feed.silence / 1000).toFixed(1);
-    return { ...nothing, kind: "silent", title: "No news from the service", detail: `None for ${seconds} s.`, age };
+    return { ...nothing, kind: "silent", title: say`No news from the service`, detail: say`None for ${seconds} s.`, age };
   }
   return { ...nothing, ...answer(message), channels: message.channels, age };
 }
@@ -44,15 +45,16 @@ export function describe(feed) {
 function problem(message) {
   const { title, detail, type } = message.problem;
   const slug = (type ?? "").replace(PREFIX, "");
-  const words = slug === "stale" ? `Stale: ${title[0].toLowerCase()}${title.slice(1)}` : title;
-  return { kind: "problem", title: words, detail, ...(CURRENT.includes(slug) && { channels: message.channels }) };
+  const said = heard(title);
+  const words = slug === "stale" ? say`Stale: ${`${said[0].toLowerCase()}${said.slice(1)}`}` : said;
+  return { kind: "problem", title: words, detail: heard(detail), ...(CURRENT.includes(slug) && { channels: message.channels }) };
 }
 
-const TITLES = { contact: "Contact", clear: "Clear", unexplained: "Unexplained" };
+const TITLES = { contact: say`Contact`, clear: say`Clear`, unexplained: say`Unexplained` };
 
 function answer({ contact, misfit_limit: misfitLimit }) {
   // A page that was opened before an update of the service.
-  if (!TITLES[contact.state]) return { kind: "problem", title: "This page is older than the service", detail: RELOAD };
+  if (!TITLES[contact.state]) return { kind: "problem", title: say`This page is older than the service`, detail: RELOAD };
   return { kind: contact.state, title: TITLES[contact.state], ...noted(contact), contact, misfitLimit };
 }
 
@@ -72,20 +74,20 @@ export function figures(shown, table, staleMs) {
 
 function text({ kind, contact: found }, { name, ends }) {
   const below = ends ? interval(...ends.map((end) => found?.[end])) : "";
-  return { value: known(found?.[name], 1), below: kind === "contact" && found[name] === null ? "not estimated" : below };
+  return { value: known(found?.[name], 1), below: kind === "contact" && found[name] === null ? say`not estimated` : below };
 }
 
 /** The age by the clock of the page, which goes on while nothing comes. */
 function age(shown, staleMs) {
   const value = shown.age === null ? "—" : shown.age < 100_000 ? shown.age.toFixed(0) : "> 99999";
-  return { value, below: staleMs === undefined ? "" : `at most ${staleMs} ms` };
+  return { value, below: staleMs === undefined ? "" : say`at most ${staleMs} ms` };
 }
 
 /** Return the misfit beside its scale: a figure alone says nothing. */
 export function misfit({ contact: found, misfitLimit: limit }) {
   if (!found || typeof limit !== "number") return "";
-  const compared = found.misfit > limit ? "over the limit of" : "the limit is";
-  return `Misfit ${found.misfit.toFixed(1)}, ${compared} ${limit.toFixed(1)}`;
+  const [value, most] = [found.misfit.toFixed(1), limit.toFixed(1)];
+  return found.misfit > limit ? say`Misfit ${value}, over the limit of ${most}` : say`Misfit ${value}, the limit is ${most}`;
 }
 
 function interval(low, high) {

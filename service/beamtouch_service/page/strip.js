@@ -2,6 +2,7 @@
 // nothing was known, and crossed hatching where nothing explains the samples.
 
 import { roundTicks, svg } from "./dom.js";
+import { say } from "./say.js";
 
 const SPAN_MS = 60_000;
 const GAP_MS = 1000;
@@ -95,7 +96,7 @@ function grid(x, y, now, [low, high], width, height) {
     const at = x(now - seconds * 1000);
     const anchor = seconds === 0 ? "end" : "middle";
     parts.push(svg("path", { class: "strip-grid", d: `M${at} ${TOP}V${height - BOTTOM}` }));
-    const label = seconds === 0 ? "now" : `−${seconds} s`;
+    const label = seconds === 0 ? say`now` : `−${seconds} s`;
     parts.push(svg("text", { class: "muted", x: at, y: height - 4, "text-anchor": anchor }, label));
   }
   return parts;

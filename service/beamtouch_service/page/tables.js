@@ -2,17 +2,10 @@
 
 import { byId, html, setText, sign } from "./dom.js";
 import { inWords, placeOf } from "./places.js";
+import { inWords as qualityInWords } from "./qualities.js";
+import { say } from "./say.js";
 
 const MM = "mm";
-
-const WORDS = {
-  good: "good",
-  "out-of-range": "out of range",
-  saturated: "saturated",
-  stuck: "stuck",
-  missing: "missing",
-  unknown: "not known",
-};
 
 /** Fill the table of channels; its rows stay, only what changed in them is written. `suspect`: name of one, or null. */
 export function drawChannels(channels, suspect = null) {
@@ -34,7 +27,7 @@ function drawChannel(row, channel, suspect) {
   setText(title, name);
   setText(place, inWords(placeOf(channel), 1));
   setText(value, deflection === null ? "—" : signed(deflection, unit));
-  const text = suspect ? "check first" : (WORDS[quality] ?? quality);
+  const text = suspect ? say`check first` : qualityInWords(quality);
   if (words.textContent === text) return;
   const kind = suspect ? "suspect" : quality === "good" || quality === "unknown" ? quality : "bad";
   words.className = `words ${kind}`;

@@ -1,14 +1,31 @@
-// Times in words, in the zone of the browser.
+// Times in words, in the zone that the reader chose.
 
-const ZONED = { hour: "2-digit", minute: "2-digit", second: "2-digit", timeZoneName: "short" };
+import { locale, timeZone } from "./settings.js";
+
+const ZONED = { hour: "2-digit", minute: "2-digit", second: "2-digit", timeZoneName: "short", timeZone };
+const DAY = { day: "numeric", month: "short", year: "numeric" };
 
 /** Return a time with its zone, and its day unless that is today. */
 export function inZone(at) {
   const date = new Date(at);
-  const isToday = date.toDateString() === new Date().toDateString();
-  return date.toLocaleString("en-GB", isToday ? ZONED : { day: "numeric", month: "short", year: "numeric", ...ZONED });
+  const [day, today] = [date, new Date()].map((one) => one.toLocaleDateString(locale, { timeZone }));
+  return date.toLocaleString(locale, day === today ? ZONED : { ...DAY, ...ZONED });
 }
 
 /** Return the name of the zone. */
 export const zone = () =>
-  new Intl.DateTimeFormat("en-GB", { timeZoneName: "short" }).formatToParts().find(({ type }) => type === "timeZoneName").value;
+  new Intl.DateTimeFormat(locale, { timeZoneName: "short", timeZone }).formatToParts().find(({ type }) => type === "timeZoneName").value;
+
+/** Return the time of a day, without its zone. */
+export const clock = (date) => date.toLocaleTimeString(locale, { timeZone });
+
+/** Return day and time, without the zone. */
+export const dayAndTime = (at) => new Date(at).toLocaleString(locale, { timeZone });
+
+/** Return the day in words, with its year unless that is this one. */
+export function day(at) {
+  const [date, now] = [new Date(at), new Date()];
+  const [year, thisYear] = [date, now].map((one) => one.toLocaleDateString(locale, { year: "numeric", timeZone }));
+  const parts = { day: "numeric", month: "long", ...(year === thisYear ? {} : { year: "numeric" }) };
+  return date.toLocaleDateString(locale, { ...parts, timeZone });
+}

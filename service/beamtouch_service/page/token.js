@@ -2,6 +2,7 @@
 // logs and histories. Not in a cookie either, which every page of this host would send along. No document here.
 
 import { below, own, PLAIN } from "./answer.js";
+import { say } from "./say.js";
 
 // One for each service: several may share a host, each below a path of its own.
 const KEY = `beamtouch-reading-token${window.location.pathname.replace(/\/[^/]*$/, "")}`;
@@ -44,8 +45,8 @@ export class Token {
 
   /** The one that was kept stays: the service may have been started with a wrong one, and a panel has nobody to type. */
   refused() {
-    if (this.tried) this.error = "This token is not accepted";
-    else if (this.text !== null && !this.error) this.error = "The token kept here is not accepted any more";
+    if (this.tried) this.error = say`This token is not accepted`;
+    else if (this.text !== null && !this.error) this.error = say`The token kept here is not accepted any more`;
     if (this.tried) this.text = kept();
     this.tried = null;
   }

@@ -2,8 +2,10 @@
 
 import { html, setText, svg } from "./dom.js";
 import { box } from "./plate.js";
+import { say } from "./say.js";
 
 const UNKNOWN = "—";
+const ANSWERS = { inside: say`inside`, outside: say`outside`, unsure: say`unsure` };
 const LABEL_LEAST_PX = 160; // height of a drawing with room for names
 
 /** Return the zones behind the drawing, each in the style of its answer: bands on a beam, rectangles on a plate. */
@@ -37,7 +39,7 @@ export function listZones(list, beam, contact) {
   zones.forEach(([name, zone], index) => {
     const item = list.children[index] ?? list.appendChild(html("li"));
     const answer = contact?.zones?.[name];
-    setText(item, `${name}, ${where(zone)} mm: ${answer ?? UNKNOWN}`);
+    setText(item, `${name}, ${where(zone)} mm: ${ANSWERS[answer] ?? answer ?? UNKNOWN}`);
     item.className = answer ?? "unknown";
   });
 }

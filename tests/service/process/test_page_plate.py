@@ -22,7 +22,7 @@ y_mm = [40, 120]
 x_mm = [280, 380]
 y_mm = [150, 280]
 """
-HEADINGS = ["Began at", "Mean at, mm", "Mean force, N", "For, s"]
+HEADINGS = ["Began at, UTC", "Mean at, mm", "Mean force, N", "For, s"]
 LENGTH_MM, WIDTH_MM = 400, 300
 PIXEL = 0.6
 _BOXES = """selectors => selectors.map(selector => [...document.querySelectorAll(`#beam ${selector}`)].map(one => {
