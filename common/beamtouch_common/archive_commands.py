@@ -1,7 +1,28 @@
-"""The arguments of the commands `backup` and `restore`, which service and daemon share."""
+"""The arguments of the commands `backup` and `restore`, which service and daemon share, and how a signal ends them."""
 
 import argparse
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
+
+
+@contextmanager
+def end_in_order() -> Iterator[None]:
+    """Let SIGTERM end the block as an exception does, so that it removes what it has begun to write.
+
+    The exit code is then 143, as shells report that signal. Ctrl-C is an exception already.
+    """
+    before = signal.signal(signal.SIGTERM, _exit)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _exit(number: int, _frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
 
 
 def add_backup(command: argparse.ArgumentParser) -> None:

@@ -1,7 +1,7 @@
 """Archives of the files that make a service or a gateway: written in one piece, and restored whole or not at all.
 
-An archive is a compressed tar file. It begins with a list of its files, each with its size and its digest. A file from
-the folder of the configuration has its path from there, any other one its whole path.
+An archive is a compressed tar file. It begins with a list of its files, each with its size and its digest, and of empty
+folders. A file from the folder of the configuration has its path from there, any other one its whole path.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ _BESIDE_RECORD = ("-wal", "-shm", "-journal")
 
 @dataclass(frozen=True)
 class Part:
-    """A file for an archive."""
+    """A file for an archive, or an empty folder."""
 
     path: Path
     """Where the program has it."""
@@ -61,6 +61,8 @@ class _List(BaseModel):
     version: str
     made_at: str
     files: list[_File]
+    folders: list[str] = []
+    """Names of folders in which there is nothing."""
 
 
 def write_archive(target: Path, program: str, config: Path, parts: Sequence[Part]) -> list[str]:
@@ -71,7 +73,7 @@ def write_archive(target: Path, program: str, config: Path, parts: Sequence[Part
     target : the archive; nothing may be there
     program : which made it
     config : the configuration, whose folder relative names are from
-    parts : all files; one that is given again, by whatever path, is written once
+    parts : all files and empty folders; one that is given again, by whatever path, is written once
 
     Raises
     ------
@@ -89,9 +91,11 @@ def write_archive(target: Path, program: str, config: Path, parts: Sequence[Part
             name = _name_of(part.path, config.parent)
             if name not in named or part.is_secret:
                 named[name] = part
+        folders = [name for name, part in named.items() if part.path.is_dir()]
+        named = {name: part for name, part in named.items() if name not in folders}
         files = [_describe(name, part) for name, part in named.items()]
         made_at = datetime.now(UTC).isoformat(timespec="seconds")
-        head = _List(program=program, version=version(), made_at=made_at, files=files)
+        head = _List(program=program, version=version(), made_at=made_at, files=files, folders=folders)
         with os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
             with tarfile.open(fileobj=file, mode="w:gz") as archive:
                 listed = head.model_dump_json(indent=2).encode()
@@ -110,11 +114,11 @@ def write_archive(target: Path, program: str, config: Path, parts: Sequence[Part
     finally:
         with suppress(OSError):
             partial.unlink()
-    return [one.name for one in files]
+    return [*(one.name for one in files), *(f"{name}/" for name in folders)]
 
 
 def restore_archive(archive: Path, folder: Path, root: Path | None) -> list[Path]:
-    """Restore all files of an archive, or none; return where they are.
+    """Restore all files and folders of an archive, or none; return where they are.
 
     Parameters
     ----------
@@ -129,9 +133,12 @@ def restore_archive(archive: Path, folder: Path, root: Path | None) -> list[Path
     FailedError
         A file cannot be written.
     """
-    files = _check(archive).files
+    head = _check(archive)
+    files = head.files
     targets = [_target_of(archive, one.name, folder, root) for one in files]
-    if present := [path for target in targets for path in _find_present(target)]:
+    empty = [_target_of(archive, name, folder, root) for name in head.folders]
+    present = [path for target in targets for path in _find_present(target)]
+    if present := present + [str(target) for target in empty if os.path.lexists(target) and not target.is_dir()]:
         raise InputError(f"{', '.join(present[:3])}: there already; a restore overwrites nothing: move it away")
     made: list[Path] = []
     try:
@@ -146,13 +153,15 @@ def restore_archive(archive: Path, folder: Path, root: Path | None) -> list[Path
                 raise InputError(f"{target}: came meanwhile; nothing was restored")
             partial.rename(target)
             made.append(target)
+        for target in empty:
+            _make_folders(target, made)
     except OSError as error:
         _remove(made)
         raise FailedError(f"{error.filename or folder}: {error.strerror or error}; nothing was restored") from None
     except BaseException:
         _remove(made)
         raise
-    return targets
+    return targets + empty
 
 
 def _find_present(target: Path) -> list[str]:
@@ -253,13 +262,10 @@ def _target_of(archive: Path, name: str, folder: Path, root: Path | None) -> Pat
 
 def _unpack(content: IO[bytes], target: Path, one: _File, made: list[Path]) -> Path:
     """Write a file beside its target; return it. What was made is added to `made`."""
-    missing = [folder for folder in target.parents if not folder.exists()]
-    for folder in reversed(missing):
-        folder.mkdir()
-        made.append(folder)
+    _make_folders(target.parent, made)
     partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
+    made.append(partial)  # before it is there: a signal may come between
     descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    made.append(partial)
     with os.fdopen(descriptor, "wb") as file:
         if _digest(content, one.bytes, file) != one.sha256:
             raise InputError(f"{target}: the archive changed meanwhile; nothing was restored")
@@ -267,6 +273,14 @@ def _unpack(content: IO[bytes], target: Path, one: _File, made: list[Path]) -> P
         file.flush()
         os.fsync(descriptor)
     return partial
+
+
+def _make_folders(target: Path, made: list[Path]) -> None:
+    """Make a folder and those above it, as far as they are missing. What was made is added to `made`."""
+    missing = [folder for folder in (target, *target.parents) if not folder.exists()]
+    for folder in reversed(missing):
+        folder.mkdir()
+        made.append(folder)
 
 
 def _remove(made: Sequence[Path]) -> None:

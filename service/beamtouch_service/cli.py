@@ -99,14 +99,18 @@ def _back_up(arguments: argparse.Namespace) -> int:
     from beamtouch_service.host import backup
 
     secrets = arguments.with_secrets
-    print(*backup.back_up(config, settings, arguments.output, program=PROGRAM, with_secrets=secrets), sep="\n")
+    with archives.end_in_order():
+        lines = backup.back_up(config, settings, arguments.output, program=PROGRAM, with_secrets=secrets)
+    print(*lines, sep="\n")
     return DONE
 
 
 def _restore(arguments: argparse.Namespace) -> int:
     from beamtouch_common.archives import restore_archive
 
-    print(*restore_archive(arguments.archive, arguments.folder, arguments.root), sep="\n")
+    with archives.end_in_order():
+        restored = restore_archive(arguments.archive, arguments.folder, arguments.root)
+    print(*restored, sep="\n")
     return DONE
 
 

@@ -84,6 +84,21 @@ def test_a_file_that_is_named_twice_is_written_once_and_comes_back(plant: Path, 
     assert (tmp_path / "new" / "token").stat().st_mode & 0o777 == 0o600
 
 
+@pytest.mark.promise("docs/how-to/backup.md", "a folder in which there is nothing is restored, too")
+def test_an_empty_folder_comes_back_unless_a_file_has_its_place(plant: Path, tmp_path: Path) -> None:
+    (plant / "clients").mkdir()
+    parts = [Part(plant / "service.toml"), Part(plant / "clients")]
+    names = write_archive(tmp_path / "a.tar.gz", "test", plant / "service.toml", parts)
+    assert names == ["folder/service.toml", "folder/clients/"]
+    assert restore_archive(tmp_path / "a.tar.gz", tmp_path / "new", None)[1] == tmp_path / "new" / "clients"
+    assert list((tmp_path / "new" / "clients").iterdir()) == []
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "clients").write_text("a file")
+    with pytest.raises(InputError, match=r"other/clients: there already"):
+        restore_archive(tmp_path / "a.tar.gz", tmp_path / "other", None)
+    assert found(tmp_path / "other") == {"clients": b"a file"}
+
+
 def test_a_snapshot_has_the_mode_of_its_file(plant: Path, tmp_path: Path) -> None:
     record, copy, archive = plant / "events.db", tmp_path / "copy", tmp_path / "a.tar.gz"
     record.write_bytes(b"a")

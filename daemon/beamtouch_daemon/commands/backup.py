@@ -2,6 +2,7 @@
 
 import argparse
 
+from beamtouch_common.archive_commands import end_in_order
 from beamtouch_common.archives import Part, write_archive
 from beamtouch_common.commands import DONE
 from beamtouch_daemon.config.file import load_config
@@ -14,7 +15,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the archive; raises InputError and FailedError."""
     config = load_config(arguments.config)
     parts = [Part(arguments.config), *_parts_of(config, with_secrets=arguments.with_secrets)]
-    print(*write_archive(arguments.output, PROGRAM, arguments.config, parts), sep="\n")
+    with end_in_order():
+        names = write_archive(arguments.output, PROGRAM, arguments.config, parts)
+    print(*names, sep="\n")
     if not arguments.with_secrets:
         print(f"left out: {config.token_file} (--with-secrets)")
     return DONE

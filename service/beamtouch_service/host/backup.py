@@ -46,7 +46,7 @@ def back_up(config: Path, settings: Settings, target: Path, *, program: str, wit
 
 
 def _files_in(settings: object, key: str = "") -> Iterator[tuple[Path, str]]:
-    """Give each file that settings name, with its key; of a folder, all files in it."""
+    """Give each file that settings name, with its key; of a folder, all files in it, or itself if it has none."""
     if isinstance(settings, dict):
         for name, value in settings.items():
             yield from _files_in(value, str(name))
@@ -54,5 +54,5 @@ def _files_in(settings: object, key: str = "") -> Iterator[tuple[Path, str]]:
         for value in settings:
             yield from _files_in(value, key)
     elif isinstance(settings, Path):
-        paths = sorted(path for path in settings.rglob("*") if path.is_file()) if settings.is_dir() else [settings]
-        yield from ((path, key) for path in paths)
+        paths = sorted(path for path in settings.rglob("*") if path.is_file()) if settings.is_dir() else []
+        yield from ((path, key) for path in paths or [settings])

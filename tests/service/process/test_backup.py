@@ -1,5 +1,6 @@
 """A service that runs is backed up, and restored elsewhere: the same events, the same trail, the same answers."""
 
+import os
 import signal
 import sqlite3
 from contextlib import closing
@@ -86,6 +87,36 @@ def test_tokens_are_in_a_backup_only_if_they_are_asked_for(line: Service, comman
     code, said, _ = done(command("restore", archive, tmp_path / "new"))
     assert (code, (tmp_path / "new" / "token").exists()) == (0, False)
     assert line.get("/health/live").is_success
+
+
+@pytest.mark.promise("docs/how-to/backup.md", "A backup that a signal ends leaves nothing behind")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_backup_that_a_signal_ends_leaves_nothing_behind(
+    command: Command, tmp_path: Path, number: int, code: int
+) -> None:
+    (tmp_path / "service.toml").write_text('[surfaces.press-7]\nmodel = "press-7.onnx"\n')
+    # A pipe is read once for its digest; then the archive is begun, and waits for what nobody writes.
+    os.mkfifo(tmp_path / "press-7.onnx")
+    before = sorted(tmp_path.iterdir())
+    backup = command("backup", "--config", tmp_path / "service.toml", "-o", tmp_path / "a.tar.gz")
+    (tmp_path / "press-7.onnx").write_bytes(b"model")
+    wait_until(lambda: bool(list(tmp_path.glob(".a.tar.gz.*.partial"))))
+    assert list(tmp_path.glob(".backup-*"))
+    backup.send_signal(number)
+    assert done(backup)[0] == code
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_folder_without_certificates_yet_is_in_the_backup(
+    command: Command, certificate: tuple[Path, Path], tmp_path: Path
+) -> None:
+    files = f"certificate_file = '{certificate[0]}'\nkey_file = '{certificate[1]}'\n"
+    (tmp_path / "service.toml").write_text(f"[opcua]\n{files}trusted_folder = 'clients'\n")
+    (tmp_path / "clients").mkdir()
+    code, said, _ = done(command("backup", "--config", tmp_path / "service.toml", "-o", tmp_path / "a.tar.gz"))
+    assert (code, "folder/clients/" in said.splitlines()) == (0, True)
+    assert done(command("restore", tmp_path / "a.tar.gz", tmp_path / "new"))[0] == 0
+    assert (tmp_path / "new" / "clients").is_dir()
 
 
 def test_a_damaged_or_a_missing_record_is_no_backup(command: Command, build_model: BuildModel, tmp_path: Path) -> None:
