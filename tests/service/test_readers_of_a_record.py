@@ -102,22 +102,30 @@ class Worked:
         return self.now_s
 
 
-def test_a_reader_that_worked_for_a_fifth_of_a_millisecond_rests_for_ten_times_as_long(
-    transactions: Transactions, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("answers", "times"), [(1, 2.0), (2, 4.0), (5, 10.0), (32, 10.0)])
+async def test_a_reader_that_worked_for_a_fifth_of_a_millisecond_rests_the_longer_the_more_answers_are_under_way(
+    transactions: Transactions, monkeypatch: pytest.MonkeyPatch, answers: int, times: float
 ) -> None:
-    worked = Worked(monkeypatch)
-    reader = Reader(transactions.database)
-    for now_s in (0.199e-3, 0.2e-3, 0.399e-3, 0.5e-3):
-        worked.now_s = now_s
-        reader.rest()
-    assert worked.rests_s == pytest.approx([2e-3, 3e-3])
+    worked, all_readers = Worked(monkeypatch), Readers(transactions.database)
+
+    def work(reader: Reader) -> None:
+        for now_s in (0.199e-3, 0.2e-3, 0.399e-3, 0.5e-3):
+            worked.now_s = now_s
+            reader.rest()
+
+    async with AsyncExitStack() as slots:
+        for _ in range(answers):
+            await slots.enter_async_context(all_readers.slot())
+        await all_readers.read(work)
+    all_readers.end()
+    assert worked.rests_s == pytest.approx([times * 0.2e-3, times * 0.3e-3])
 
 
 def test_a_reader_that_was_put_aside_while_it_worked_rests_a_tenth_of_a_second_at_most(
     transactions: Transactions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     worked = Worked(monkeypatch)
-    reader = Reader(transactions.database)
+    reader = Reader(transactions.database, lambda: 32)
     for now_s in (0.009, 0.029):
         worked.now_s = now_s
         reader.rest()

@@ -178,9 +178,11 @@ def require_whole_event(row: Row[*tuple[Any, ...]]) -> None:
 
 def event_of(row: Row[*tuple[Any, ...]]) -> Numbered:
     """Return the event of a row of `CONTENT`, with or without its path; raises UnreadableRowError."""
-    require_whole_event(row)
-    values = {name: value for name, value in row._asdict().items() if name not in ("id", "number")}
-    return Numbered(row.id, Event(**values))
+    values = row._asdict()  # once: that takes an eighth of the time of an event
+    number = values.pop("id")
+    _EVENT_ROWS.require_whole(f"event {number} of surface {row.surface}", values)
+    values.pop("number", None)  # of a delivery
+    return Numbered(number, Event(**values))
 
 
 class OtherFormatError(Exception):

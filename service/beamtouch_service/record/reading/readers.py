@@ -1,7 +1,7 @@
 """Readers of the record: two threads, a bounded number of answers, and never the interpreter for long.
 
 A reader may take long, an answer to `GET /contact` may not, and both need the interpreter. So a reader works for a
-fraction of a millisecond at a time, and rests for several times as long.
+fraction of a millisecond at a time, and rests for several times as long: the more answers are under way, the longer.
 """
 
 import asyncio
@@ -25,8 +25,9 @@ QUERY_S = 15.0
 """Longest time for an answer of the database."""
 _WORK_S = 0.2e-3
 """Longest time that a reader works at a time [s], but for what one row takes."""
-_REST = 10.0
-"""Then it rests for this many times as long."""
+_REST, _MOST_REST = 2.0, 10.0
+"""Then it rests for this many times as long for each answer that is under way, at most for as many times as the second
+says. A single answer costs a contact little, and 200 000 events take minutes; many of them would hold it up."""
 _LONGEST_REST_S = 0.1
 """It rests no longer than this, whatever a slow disk or a busy machine made of its work."""
 _AT_ONCE = 8
@@ -41,8 +42,9 @@ class TooManyReadersError(Exception):
 class Reader:
     """The access of a query to the record: its rows, and a pace. For one thread."""
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
+    def __init__(self, database: Database, count_answers: Callable[[], int] = lambda: 1) -> None:
+        """Read a database; `count_answers` tells how many answers are under way."""
+        self._database, self._count_answers = database, count_answers
         self.begin()
 
     def rows(self, statement: Select[Any], **parameters: object) -> list[Row[*tuple[Any, ...]]]:
@@ -63,7 +65,8 @@ class Reader:
         # By the clock: on a busy machine, a reader is put aside while it has the interpreter, and others wait for it.
         worked_s = time.perf_counter() - self._begin_s
         if worked_s >= _WORK_S:
-            select([], [], [], min(_REST * worked_s, _LONGEST_REST_S))
+            times = min(_REST * self._count_answers(), _MOST_REST)
+            select([], [], [], min(times * worked_s, _LONGEST_REST_S))
             self.begin()
 
 
@@ -72,7 +75,7 @@ class Readers:
 
     def __init__(self, database: Database) -> None:
         self._database, self._threads = database, Workers("reader", READERS)
-        self._slots = asyncio.Semaphore(MAX_ANSWERS)
+        self._slots, self._answers = asyncio.Semaphore(MAX_ANSWERS), 0
 
     @asynccontextmanager
     async def slot(self) -> AsyncIterator[None]:
@@ -83,21 +86,23 @@ class Readers:
                 is_there = await self._slots.acquire()
         if not is_there:
             raise TooManyReadersError
+        self._answers += 1
         try:
             yield
         finally:
+            self._answers -= 1
             self._slots.release()
 
     async def read(self, query: Callable[[Reader], _T]) -> _T:
         """Return the answer to a query of what is durable; raises RecordAwayError."""
-        return await self._run(lambda: query(Reader(self._database)))
+        return await self._run(lambda: query(self._make_reader()))
 
     async def read_parts(self, query: Callable[[Reader], Iterator[_T]]) -> AsyncIterator[_T]:
         """Give an answer in parts, each made once the one before it is taken; raises RecordAwayError.
 
         Meanwhile the threads make parts of others.
         """
-        reader = Reader(self._database)
+        reader = self._make_reader()
         parts = query(reader)
 
         def make_next() -> _T | None:
@@ -106,6 +111,9 @@ class Readers:
 
         while (part := await self._run(make_next)) is not None:
             yield part
+
+    def _make_reader(self) -> Reader:
+        return Reader(self._database, lambda: self._answers)
 
     async def _run(self, call: Callable[[], _T]) -> _T:
         try:
