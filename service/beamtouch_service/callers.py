@@ -8,6 +8,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from ipaddress import ip_address, ip_network
 
+SERVICE = "service"
+"""Who did what no request asked for, on the trail. No token and no user has this name."""
 USER_HEADER = b"x-forwarded-user"
 _ADDRESS_HEADER = b"x-forwarded-for"
 _MAX_NAME = 80
@@ -48,7 +50,8 @@ class TrustedProxies:
         address = _shown(addresses[-1].rpartition(b",")[2]) if addresses else ""
         # Two headers: one of them is the client's, and nobody knows which.
         user = _shown(users[0]) if len(users) == 1 else ""
-        return Caller(token, address or peer, user or None)
+        is_named = user and user.casefold() != SERVICE
+        return Caller(token, address or peer, user if is_named else None)
 
     def _trusts(self, peer: str) -> bool:
         try:

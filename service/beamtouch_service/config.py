@@ -15,6 +15,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, validate
 from beamtouch_common.secrets import read_tokens
 from beamtouch_service.access import Access
+from beamtouch_service.callers import SERVICE
 from beamtouch_service.outputs import OUTPUTS
 from beamtouch_service.outputs.section import OutputSection
 from beamtouch_service.samples import SurfaceName
@@ -113,12 +114,16 @@ def read_access(server: ServerSection) -> Access:
     Raises
     ------
     InputError
-        A file holds no usable token, or two files hold the same token or the same name.
+        A file holds no usable token or the name of the service, or two files hold the same token or the same name.
     FailedError
         A file cannot be read; it may come later.
     """
     files = {"write": server.write_token_file, "read": server.read_token_file, "admin": server.admin_token_file}
     tokens = {role: read_tokens(file, role) for role, file in files.items() if file}
+    for role, named in tokens.items():
+        if taken := [name for name in named if name.casefold() == SERVICE]:
+            message = f"the name {taken[0]} is that of the service itself on the trail of changes; choose another name"
+            raise InputError(f"token file {files[role]}: {message}")
     for first, second in combinations(tokens, 2):
         which = f"token files {files[first]} and {files[second]} hold the same"
         if set(tokens[first].values()) & set(tokens[second].values()):

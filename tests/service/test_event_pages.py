@@ -11,6 +11,7 @@ import pytest
 from beamtouch_service.api import events
 from service.bench import START_US, Bench, kind
 from service.event_story import RESTING, TOUCHING, Story, story_of
+from service.read_tables import tables_read
 
 
 @pytest.fixture
@@ -95,6 +96,18 @@ def test_ndjson_has_a_line_for_each_event_of_the_period_however_many_there_are(
     assert lines(f"&until={third}") == whole[5:]
     assert lines("&kind=unexplained") == []
     assert history.problem("/events?format=ndjson&surface=nobody") == "unknown-surface"
+
+
+@pytest.mark.promise("docs/reference/http.md", "To HEAD, the record is read as far as the headers need it.")
+def test_head_of_a_period_reads_no_event(history: Bench) -> None:
+    history.get("/events")  # all of them are durable
+    with tables_read() as tables:
+        head = history.client.head("/events?format=ndjson")
+        assert (head.status_code, head.content) == (200, b"")
+        of_head = len(tables)
+        assert head.headers == history.client.get("/events?format=ndjson").headers
+    # The keys of events now and of those of a clock ahead; then their content, and what follows them.
+    assert tables == ["events"] * (of_head * 2 + 3)
 
 
 def test_ndjson_with_a_limit_comes_in_pages(history: Bench) -> None:

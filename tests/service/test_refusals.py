@@ -144,6 +144,7 @@ SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1093))
         ("[server]\nreplica = true\n[events]\nfile = 'events.db'\n", "server.replica: all replicas need one record"),
         ("[server]\nwrite_token_file = 'token'\nread_token_file = 'token'\n", "each purpose needs its own token"),
         ("[server]\nwrite_token_file = 'named'\nadmin_token_file = 'named-too'\n", "the same name, hall; each token"),
+        ("[server]\nread_token_file = 'own'\n", "own: the name Service is that of the service itself on the trail"),
         ("[server]\ntrusted_proxies = ['proxy.example']\n", "server.trusted_proxies[0]: expected an address such as"),
         ("[events]\nfile = 'lines'\n", "lines: file is not a database; set events.file to one that the service can"),
         ("[events]\nurl = 'mysql://beamtouch:not-for-the-log@db/beamtouch'\n", "must look like postgresql://"),
@@ -181,6 +182,7 @@ def test_a_wrong_config_is_refused_with_the_place_that_is_wrong(
     (tmp_path / "token").write_text(TOKEN)
     (tmp_path / "named").write_text(f"hall {TOKEN}")
     (tmp_path / "named-too").write_text(f"hall {READ_TOKEN}")
+    (tmp_path / "own").write_text(f"hall {TOKEN}\nService {READ_TOKEN}")
     (tmp_path / "lines").write_text("one\ntwo\n" * 200)
     (tmp_path / "service.toml").write_text(text)
     line = refused("run", "--port", 0, "--config", tmp_path / "service.toml")

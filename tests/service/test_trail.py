@@ -20,6 +20,7 @@ from beamtouch_service.record.trail.entry import Entry
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, batch_of, kind, surface_of
 from service.event_story import RESTING
+from service.read_tables import tables_read
 from service.record_file import execute
 from support.surfaces.small_model import model_of
 
@@ -160,6 +161,17 @@ def test_entries_of_a_kind_and_of_a_time() -> None:
     assert kind(bench.get("/audit?after=x", ANN)) == "invalid-request"
 
 
+def test_head_checks_no_chain() -> None:
+    bench = make_bench()
+    change(bench)
+    with tables_read() as tables:
+        head = bench.client.head("/audit", headers={"Authorization": f"Bearer {ANN}"})
+        assert (head.status_code, tables) == (200, ["trail"])
+        whole = bench.get("/audit", ANN)
+        assert (head.headers, head.content) == (whole.headers, b"")
+        assert tables == ["trail"] * 4
+
+
 EDITS = {
     "a word of an entry": ("UPDATE trail SET by = 'bob' WHERE number = 4", 4),
     "its time": ("UPDATE trail SET at_us = at_us + 1 WHERE number = 1", 1),
@@ -195,14 +207,24 @@ def test_the_last_entries_can_be_taken_out_and_only_a_digest_elsewhere_tells(tmp
     assert audit(bench)["chain"]["digest"] != kept["digest"]
 
 
-def test_a_damaged_entry_is_named(tmp_path: Path) -> None:
+@pytest.mark.promise("docs/reference/trail.md", "An entry whose row is damaged stands in `damaged`")
+def test_a_damaged_entry_is_named_beside_the_others(tmp_path: Path) -> None:
     bench = make_bench(tmp_path / "events.db")
     change(bench)
+    before = audit(bench)["entries"]
     execute(tmp_path / "events.db", "UPDATE trail SET at_us = 'x' WHERE number = 4")
-    answer = bench.get("/audit", ANN)
-    assert kind(answer) == "record-unavailable"
-    assert "entry 4 of the trail cannot be read: table trail, column at_us" in answer.json()["detail"]
-    assert audit(bench, "?after=4")["next"] is None
+    page = audit(bench)
+    assert page["entries"] == [one for one in before if one["number"] != 4]
+    ((number, reason),) = (one.values() for one in page["damaged"])
+    assert number == 4
+    assert reason.startswith("entry 4 of the trail cannot be read: table trail, column at_us: ")
+    assert (page["chain"]["holds"], page["chain"]["breaks_at"]) == (False, 4)
+    # It takes its place in a page.
+    page = audit(bench, "?after=6&limit=2")
+    assert ([one["number"] for one in page["entries"]], page["next"]) == ([5], "4")
+    rows = list(csv.DictReader(io.StringIO(bench.get("/audit?format=csv", ANN).text)))
+    assert [row["number"] for row in rows] == [str(number) for number in range(9, 0, -1)]
+    assert (rows[5]["at"], rows[5]["details"]) == ("", reason)
 
 
 def test_a_record_that_takes_nothing_gets_the_changes_once_it_does(tmp_path: Path) -> None:
@@ -259,11 +281,14 @@ def test_more_changes_than_can_be_kept_are_counted(monkeypatch: pytest.MonkeyPat
 
 
 def test_more_addresses_than_are_watched_are_told_once_an_hour(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pending, "MOST_STATES", 2)
+    monkeypatch.setattr(pending, "MOST_STATES", 1)
     bench = make_bench()
-    for sequence in range(1, 6):
-        send(bench, HALL, "c1", sequence=sequence)
-    assert [action for _, action, *_ in said(bench)] == ["token", "tare", "loss"]
+    send(bench, HALL, "c1")
+    for sequence, token in enumerate((SPARE, HALL, SPARE), 2):
+        send(bench, token, "c2", sequence=sequence)
+    # One address more than are watched keeps neither a model nor a tare from being told.
+    told = [(action, by) for _, action, _, by, _ in said(bench)]
+    assert told == [("token", "hall"), ("tare", "hall"), ("model", "service"), ("tare", "spare"), ("loss", "service")]
 
 
 @pytest.mark.promise("docs/reference/trail.md", "While the record is away, a thousand entries wait in memory")
@@ -307,6 +332,7 @@ def ask(bench: Bench, peer: str, headers: dict[str, str]) -> httpx2.Response:
         ("10.0.0.5", {"X-Forwarded-User": "b\u00e9a\t x"}, ("béa x", "hall", "10.0.0.5")),
         ("10.0.0.5", {"X-Forwarded-User": "x" * 200}, ("x" * 80, "hall", "10.0.0.5")),
         ("10.0.0.5", {"X-Forwarded-User": " "}, ("hall", "hall", "10.0.0.5")),
+        ("10.0.0.5", {"X-Forwarded-User": "Service"}, ("hall", "hall", "10.0.0.5")),
         ("10.0.0.6", {"X-Forwarded-User": "bea", "X-Forwarded-For": "10.9.0.7"}, ("hall", "hall", "10.0.0.6")),
         ("::ffff:10.0.0.5", {"X-Forwarded-User": "bea"}, ("bea", "hall", "::ffff:10.0.0.5")),
         ("fd00::5", {"X-Forwarded-User": "bea", "X-Forwarded-For": "fd00::9"}, ("bea", "hall", "fd00::9")),

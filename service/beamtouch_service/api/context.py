@@ -103,6 +103,8 @@ def context_of(scope: Scope) -> Context:
 
 CALLER = "beamtouch.caller"
 """Key of the scope of a request: who sent it, once its token was looked at."""
+IS_HEAD = "beamtouch.is_head"
+"""Key of the scope of a request: true if only the headers of its answer are asked for. Routes see it as a GET."""
 
 
 async def _caller(connection: HTTPConnection) -> Caller:

@@ -10,7 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from beamtouch_service.access import Role
 from beamtouch_service.api import errors, openapi
 from beamtouch_service.api.changes import note_token
-from beamtouch_service.api.context import CALLER, context_of
+from beamtouch_service.api.context import CALLER, IS_HEAD, context_of
 from beamtouch_service.problems import ProblemError
 
 HEADERS = {
@@ -86,7 +86,7 @@ class Gate:
 
         if scope["method"] == "HEAD" and not scope["path"].endswith("/stream"):
             # The server leaves the body out. A stream would never end.
-            scope = {**scope, "method": "GET"}
+            scope = {**scope, "method": "GET", IS_HEAD: True}
         try:
             if (names := context_of(scope).names) is not None:
                 names.require(scope["headers"])

@@ -5,10 +5,10 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 
 from fastapi import Depends
 from starlette.responses import StreamingResponse
-from starlette.types import Send
+from starlette.types import Receive, Scope, Send
 
 from beamtouch_common.log_lines import Repeated
-from beamtouch_service.api.context import Context, ContextParameter
+from beamtouch_service.api.context import IS_HEAD, Context, ContextParameter
 from beamtouch_service.record import Reader, RecordAwayError, UnreadableRowError
 
 _log = logging.getLogger(__name__)
@@ -27,6 +27,12 @@ SLOT = Depends(_have_slot)
 class _Parts(StreamingResponse):
     """An answer whose next part is made once the client has taken most of those before."""
 
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it; to HEAD, its headers, and no further part is made."""
+        if scope.get(IS_HEAD):
+            self.body_iterator = _no_parts()
+        await super().__call__(scope, receive, send)
+
     async def stream_response(self, send: Send) -> None:
         """Send it. If its end cannot be read, close the connection before it: no client takes the answer for whole."""
         try:
@@ -36,6 +42,10 @@ class _Parts(StreamingResponse):
             reason = "damage" if isinstance(error, UnreadableRowError) else str(error)
             if line := _repeated.line_if_due(f"an answer from the record broke off: {error}", reason):
                 _log.warning("%s", line)
+
+
+async def _no_parts() -> AsyncIterator[bytes]:
+    yield b""
 
 
 async def answer_in_parts(

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from functools import partial
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
@@ -15,7 +16,7 @@ from beamtouch_service.api.context import ContextParameter
 from beamtouch_service.api.csv_parts import MEDIA_TYPE, NEXT_LINK, RESPONSES, CsvParts
 from beamtouch_service.api.record_answers import SLOT, answer_in_parts
 from beamtouch_service.api.times import Time, microseconds
-from beamtouch_service.record import Action, Added, Chain, Reader, check_chain, find_entries
+from beamtouch_service.record import Action, Added, Chain, Damaged, Reader, check_chain, find_entries
 from beamtouch_service.samples import SurfaceName
 from beamtouch_service.surfaces.contact import rfc3339
 
@@ -64,6 +65,17 @@ class TrailEntry(BaseModel):
     """SHA-256 of the entry and of the digest of the entry before."""
 
 
+class DamagedEntry(BaseModel):
+    """An entry whose row in the database is damaged."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    number: int
+    """Number of the entry."""
+    reason: str
+    """Why it cannot be read, with its table and its column."""
+
+
 class ChainState(BaseModel):
     """Whether each entry follows from the one before."""
 
@@ -85,6 +97,8 @@ class TrailPage(BaseModel):
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     entries: list[TrailEntry]
+    damaged: list[DamagedEntry]
+    """Entries of this page that cannot be read."""
     next: str | None
     """Value of `after` for the next page; null on the last page."""
     chain: ChainState | None
@@ -113,7 +127,7 @@ async def get_audit(context: ContextParameter, request: Request, query: Annotate
     return await answer_in_parts(context, partial(_as_csv, page=page), MEDIA_TYPE, headers)
 
 
-def _find(reader: Reader, query: TrailQuery) -> list[Added]:
+def _find(reader: Reader, query: TrailQuery) -> list[Added | Damaged]:
     """Return the entries of a page, and one more if there is another page."""
     return find_entries(
         reader,
@@ -151,10 +165,17 @@ def _read_details(text: str) -> object:
     return details if isinstance(details, dict) else text
 
 
-def _as_json(reader: Reader, page: Sequence[Added], *, following: str | None, is_first: bool) -> Iterator[bytes]:
+def _as_json(
+    reader: Reader, page: Sequence[Added | Damaged], *, following: str | None, is_first: bool
+) -> Iterator[bytes]:
     """Give a page as JSON; on the first one, check the chain of all entries meanwhile."""
-    entries = json.dumps([_members_of(added) for added in page], ensure_ascii=False)
-    yield f'{{"entries":{entries},"next":{json.dumps(following)},"chain":'.encode("utf-8", "replace")
+    members = {
+        "entries": [_members_of(one) for one in page if isinstance(one, Added)],
+        "damaged": [asdict(one) for one in page if isinstance(one, Damaged)],
+        "next": following,
+    }
+    head = json.dumps(members, ensure_ascii=False).removesuffix("}")
+    yield f'{head},"chain":'.encode("utf-8", "replace")
     for state in check_chain(reader) if is_first else [None]:
         # White space, so that the client sees that the answer goes on.
         yield b" " if state == "more" else json.dumps(_members_of_chain(state)).encode() + b"}"
@@ -164,11 +185,14 @@ def _members_of_chain(state: Chain | None) -> dict[str, object] | None:
     return None if state is None else {one: getattr(state, one) for one in ChainState.model_fields}
 
 
-def _as_csv(reader: Reader, page: Sequence[Added]) -> Iterator[bytes]:
-    """Give a page as CSV: one row per entry. Its details are JSON in one cell."""
+def _as_csv(reader: Reader, page: Sequence[Added | Damaged]) -> Iterator[bytes]:
+    """Give a page as CSV: one row per entry. Its details are JSON in one cell; of a damaged one, the reason."""
     csv = CsvParts(_COLUMNS)
-    for added in page:
-        members = _members_of(added) | {"details": added.entry.details}
-        csv.add(members[name] for name in _COLUMNS)
+    for one in page:
+        if isinstance(one, Added):
+            members = _members_of(one) | {"details": one.entry.details}
+        else:
+            members = {"number": one.number, "details": one.reason}
+        csv.add(members.get(name) for name in _COLUMNS)
         reader.rest()
     yield csv.take()

@@ -35,16 +35,16 @@ from beamtouch_service.record.reading.queries import (
     read_events,
 )
 from beamtouch_service.record.reading.readers import MAX_ANSWERS, Reader, TooManyReadersError
-from beamtouch_service.record.reading.trail import Chain, check_chain, find_entries
+from beamtouch_service.record.reading.trail import Chain, Damaged, check_chain, find_entries
 from beamtouch_service.record.recorder import Recorder
 from beamtouch_service.record.trail.entry import Action, Entry, encode_details
 from beamtouch_service.record.trail.table import Added, add_entries, log_added
 from beamtouch_service.record.writing.transactions import Due, Transactions
 
 __all__ = [
-    "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Action", "Added", "Begin", "Chain", "Due", "End", "Entry", "Event",
-    "EventAnswer", "EventKey", "EventKind", "EventWithPath", "Numbered", "PlateEvent", "PlateEventWithPath", "Reader",
-    "RecordAwayError", "RecordUnusableError", "Recorder", "Rows", "TooManyReadersError", "Transactions",
+    "MAX_ANSWERS", "ROW_NUMBER", "TABLES", "Action", "Added", "Begin", "Chain", "Damaged", "Due", "End", "Entry",
+    "Event", "EventAnswer", "EventKey", "EventKind", "EventWithPath", "Numbered", "PlateEvent", "PlateEventWithPath",
+    "Reader", "RecordAwayError", "RecordUnusableError", "Recorder", "Rows", "TooManyReadersError", "Transactions",
     "UnreadableRowError", "add_entries", "check_chain", "copy_record", "describe_kept_days", "encode_details",
     "encode_event", "event_fields_of", "find_axes", "find_best_samples", "find_entries", "find_events",
     "get_recorded_event", "log_added", "members_of_event", "read_best_samples", "read_events",

@@ -39,6 +39,15 @@ class Chain:
     """Digest of the last of them; null without one."""
 
 
+@dataclass(frozen=True)
+class Damaged:
+    """An entry that cannot be read."""
+
+    number: int
+    reason: str
+    """In one line, with its table and its column."""
+
+
 def find_entries(
     reader: Reader,
     *,
@@ -48,8 +57,8 @@ def find_entries(
     until_us: int | None,
     before: int | None,
     limit: int,
-) -> list[Added]:
-    """Return at most `limit` entries, newest first; raises UnreadableRowError.
+) -> list[Added | Damaged]:
+    """Return at most `limit` entries, newest first.
 
     Parameters
     ----------
@@ -64,10 +73,13 @@ def find_entries(
         true() if until_us is None else _c.at_us < until_us,
         true() if before is None else _c.number < before,
     ]
-    entries = list[Added]()
+    entries = list[Added | Damaged]()
     for row in reader.rows(query.where(*wanted)):
-        _ROWS.require_whole(f"entry {row.number} of the trail", row._asdict())
-        entries.append(Added(row.number, Entry(**{one.name: getattr(row, one.name) for one in CONTENT}), row.digest))
+        if damage := _ROWS.find_damage(f"entry {row.number} of the trail", row._asdict()):
+            entries.append(Damaged(row.number, damage))
+        else:
+            content = {one.name: getattr(row, one.name) for one in CONTENT}
+            entries.append(Added(row.number, Entry(**content), row.digest))
         reader.rest()
     return entries
 

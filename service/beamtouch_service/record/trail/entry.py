@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-SERVICE = "service"
-"""Who did what no request asked for."""
+from beamtouch_service.callers import SERVICE
+
 FIRST = ""
 """The digest before that of the first entry."""
 

@@ -8,7 +8,8 @@ from beamtouch_service.record.trail.entry import Action, Entry, encode_details
 MOST_DUE = 1000
 """Entries that wait while the record is away. Further ones are counted."""
 MOST_STATES = 5000
-"""States that are watched. Whoever has a token could state any number of addresses."""
+"""States of each action that are watched. Whoever has a token could state any number of addresses, which must not keep
+the models and tares of surfaces from being told."""
 REST_S = 60.0
 """A state that changes more often than this is noted as it is then: two daemons that send in turn would fill a disk."""
 LOSS_REST_S = 3600.0
@@ -20,8 +21,8 @@ class PendingTrail:
 
     def __init__(self) -> None:
         self.due: list[Entry] = []
-        self._states: dict[tuple[str, str, str], tuple[object, float]] = {}
-        """Action, surface and subject -> value, and when it changed [s, monotonic]; minus infinity before it did."""
+        self._states: dict[Action, dict[tuple[str, str], tuple[object, float]]] = {}
+        """Action -> surface and subject -> value, and when it changed [s, monotonic]; minus infinity before it did."""
         self._lost = 0
         self._lost_since_us = 0
         self._told_s = -math.inf
@@ -41,15 +42,15 @@ class PendingTrail:
 
         It may be stated as often as it is known: the entry is made only when it is needed.
         """
-        key = (action, surface, subject)
-        noted = self._states.get(key)
+        states, key = self._states.setdefault(action, {}), (surface, subject)
+        noted = states.get(key)
         if noted and (noted[0] == value or now_s - noted[1] < REST_S):
             return
         entry = make()
-        if noted is None and len(self._states) >= MOST_STATES:
+        if noted is None and len(states) >= MOST_STATES:
             self._lose(entry.at_us)
         elif len(self.due) < MOST_DUE:  # else it is noted later
-            self._states[key] = value, now_s if noted else -math.inf
+            states[key] = value, now_s if noted else -math.inf
             self.due.append(entry)
 
     def _lose(self, at_us: int) -> None:
@@ -72,4 +73,7 @@ class PendingTrail:
     def forget_states(self, but: list[Entry]) -> None:
         """Note all states anew, but not those of some entries and of what is due: another record has these, or will."""
         kept = {entry.key for entry in (*but, *self.due)}
-        self._states = {key: noted for key, noted in self._states.items() if key in kept}
+        self._states = {
+            action: {key: noted for key, noted in states.items() if (action, *key) in kept}
+            for action, states in self._states.items()
+        }
