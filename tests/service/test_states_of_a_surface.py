@@ -200,7 +200,9 @@ def test_what_a_technician_must_come_for_is_no_reason_for_others() -> None:
     assert (contact["quality"], contact["degraded_channels"]) == ("degraded", ["s2"])
     found = [surface.view(NOW_S).problem, surface.find_fault(NOW_S)]
     assert [problem and problem.kind for problem in found] == [None, Kind.CHANNELS_OUT]
-    surface.adopt(model_of("other"))  # it may have other channels
+    surface.adopt(model_of("other"))  # of the same channels: the cable is still off
+    assert surface.view(NOW_S).totals.channels_out.keys() == {"s2"}
+    surface.adopt(model_of("renamed", prefix="t"))
     assert not surface.channels_out.any
     surface = surface_of()
     surface.receive(parsed(TOUCHING).model_copy(update={"notes": ["zeros"]}), NOW_S)

@@ -204,10 +204,20 @@ class Follower:
     """Decides on the samples that move the answer of a surface, under one model."""
 
     def __init__(
-        self, model: ModelFile, surface: str, section: SurfaceSection, on_run: Callable[[float], None]
+        self,
+        model: ModelFile,
+        surface: str,
+        section: SurfaceSection,
+        on_run: Callable[[float], None],
+        *,
+        examines: bool = True,
     ) -> None:
-        """Call `on_run` after each run of the graph on new samples, with the time that it took [s]."""
+        """Call `on_run` after each run of the graph on new samples, with the time that it took [s].
+
+        Unless it `examines`, it decides on states alone: no suspects, no shift of the zeros, no wiring.
+        """
         self.model = model
+        self._examines = examines
         self.estimator = Estimator(model, surface, on_run)
         self._surface, self._section = surface, section
         self._judge = Judge(model, surface, section)
@@ -230,6 +240,14 @@ class Follower:
         """Cables that seem to be swapped, or a sensor that seems to be inverted, in words; None if there is none."""
         return self._wirings.finding
 
+    def go_on_from(self, other: "Follower") -> None:
+        """Go on after the samples of a follower whose model has the same beam and channels.
+
+        The state is that of the beam: a contact that no model would see begin now may still be there.
+        """
+        self._judge = Judge(self.model, self._surface, self._section, other._judge.past)
+        self._last = other._last
+
     def follow(
         self, batch: Batch, samples: list[Sample], taken_us: Iterable[int], sender_notes: Collection[str]
     ) -> Iterator[Decision]:
@@ -251,6 +269,8 @@ class Follower:
                 self._judge = Judge(self.model, self._surface, self._section)
         self._last = boot_id, number
         decision = self._judge.judge(estimate, taken_us, sender_notes)
+        if not self._examines:
+            return decision
         if _log.isEnabledFor(logging.DEBUG):
             self._tell_change(decision)
         self._seek_wiring(decision)

@@ -21,6 +21,7 @@ from beamtouch_service.surfaces.follower import Decision, Follower
 from beamtouch_service.surfaces.freshness import Moment, SampleClock, Transit
 from beamtouch_service.surfaces.listeners import Listeners
 from beamtouch_service.surfaces.order import DuplicateSenders, Order, SampleCounts
+from beamtouch_service.surfaces.shadow import Shadow
 from beamtouch_service.surfaces.unexplained import UnexplainedTracker
 from beamtouch_service.surfaces.view import Newest, Totals, View
 
@@ -58,6 +59,10 @@ class Surface:
         self.stale_ms = section.stale_ms
         self.model_error: str | None = None
         """Reason not to use the newest model file."""
+        self.shadow: Shadow | None = None
+        """The candidate that runs beside the model; None without one."""
+        self.candidate_error: str | None = None
+        """Reason not to run the candidate beside the model."""
         self.offered: list[str] | None = None
         """Channels of the newest batch, accepted or not."""
         self.sender_beam: str | None = None
@@ -91,6 +96,8 @@ class Surface:
         self.arrivals = Listeners[float]()
         """Told the age of the newest sample of each batch that moves the answer, at its arrival [s]."""
         self._follower = self._follow(model) if model else None
+        self._former: Follower | None = None
+        """The follower of the model before, until the one in use goes on from it."""
 
     def _follow(self, model: ModelFile) -> Follower:
         return Follower(model, self.name, self.section, self.runs.tell)
@@ -121,8 +128,15 @@ class Surface:
         return self._order.senders.changes
 
     def adopt(self, model: ModelFile) -> None:
-        """Use this model from the next sample on. The contact so far stays with the model that gave it."""
+        """Use this model from the next batch on. The contact so far stays with the model that gave it.
+
+        A model of the same beam and channels goes on from the state that the one before it leaves.
+        """
+        former, self._former, self.shadow = self._former or self._follower, None, None
         self._follower = self._follow(model)
+        if former and (former.model.metadata.beam, former.model.channels) == (model.metadata.beam, model.channels):
+            self._former = former  # a batch may still be moving it
+            return
         self.channels_out.forget()
         self._totals = self._totals._replace(channels_out={})
 
@@ -171,13 +185,18 @@ class Surface:
         follower, moments = self._follower, self._clock.tell(fresh, acquired_s)
         sender_notes = [Note.SENDERS] if self.duplicate_senders.at(acquired_s) else []
         notes: list[str] = list(batch.notes)
-        decided = None
+        decided, shadow = None, self.shadow
         if follower is None:
             for sample, moment in zip(fresh, moments, strict=True):
                 self.channels_out.add(sample.acquired_unix_us, _bad(batch.channels, sample), moment.passed_s)
                 yield
         else:
             received.model = follower.model
+            if self._former:
+                follower.go_on_from(self._former)
+                self._former = None
+            if shadow:
+                shadow.begin(follower)
             taken_us = [round(moment.taken_s * 1e6) for moment in moments]
             decisions = follower.follow(batch, fresh, taken_us, sender_notes)
             for decision, moment in zip(decisions, moments, strict=True):
@@ -192,6 +211,8 @@ class Surface:
         self._totals = Totals(self.zone_entries, self.channels_out.now, self.unexplained.now)
         self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, notes, decided)
         self.moves.tell(self)
+        if shadow:
+            yield from shadow.follow(batch, fresh, moments, sender_notes, received.decisions)
 
     def _note_decision(self, decision: Decision, moment: Moment) -> None:
         self.channels_out.add(decision.estimate.sample.acquired_unix_us, decision.estimate.bad, moment.passed_s)

@@ -50,23 +50,25 @@ def _place(axis: str, value: str) -> dict[str, onnx.NodeProto]:
     }
 
 
-def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelProto:
+def _graph(
+    channels: int, outputs: tuple[str, ...], spoiled: str, force_n_per_mm: float, misfit_per_mm: float
+) -> onnx.ModelProto:
     """position or x = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), y half of that; intervals +-1; correlation = sum / 2.
 
-    Log odds = 100 * sum (touch: 10), force = 10 * sum.
+    Log odds = 100 * sum (touch: 10), force = `force_n_per_mm` (10) * sum.
 
-    The misfit is 1000 * (d3 - d2) where that is positive: s3 is not above s2 in a contact.
+    The misfit is `misfit_per_mm` (1000) * (d3 - d2) where that is positive: s3 is not above s2 in a contact.
     A channel that is not valid counts as zero. Where the sum is exactly 2, the output `spoiled` is a division by zero.
     """
     nan_at_two = f"{spoiled}_everywhere"
     weights = np.arange(channels, dtype=np.float32).reshape(-1, 1) * 100
-    order = np.array([0, -1000, 1000, *[0] * channels], np.float32)[:channels] * (channels > 2)
+    order = np.array([0, -misfit_per_mm, misfit_per_mm, *[0] * channels], np.float32)[:channels] * (channels > 2)
     constants = {
         "order": order.reshape(-1, 1).astype(np.float32),
         "zero": np.float32(0),
         "one": np.float32(1),
         "two": np.float32(2),
-        "ten": np.float32(10),
+        "force_per_mm": np.float32(force_n_per_mm),
         "hundred": np.float32(100),
         "axis": np.array([1], np.int64),
         "weights": weights,
@@ -93,7 +95,7 @@ def _graph(channels: int, outputs: tuple[str, ...], spoiled: str) -> onnx.ModelP
         helper.make_node("Squeeze", ["moment", "axis"], ["shift"]),
         helper.make_node("Add", ["shift", "hundred"], ["raised"]),
         helper.make_node("Div", ["raised", "two"], ["beside"]),
-        helper.make_node("Mul", ["total", "ten"], ["pushed"]),
+        helper.make_node("Mul", ["total", "force_per_mm"], ["pushed"]),
         helper.make_node("Sub", ["total", "two"], ["to_two"]),
         helper.make_node("Div", ["to_two", "to_two"], ["unity"]),
         *[figures[name] for name in outputs],
@@ -138,10 +140,18 @@ _SUPPORTS = [
 
 
 @cache
-def _content(
-    name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str, beam: str, spoiled: str
+def _content(  # noqa: PLR0913, PLR0917  # its key in the cache
+    name: str,
+    channels: int,
+    min_channels: int,
+    outputs: tuple[str, ...],
+    prefix: str,
+    beam: str,
+    spoiled: str,
+    force_n_per_mm: float,
+    misfit_per_mm: float,
 ) -> bytes:
-    model, is_plate = _graph(channels, outputs, spoiled), "y_mm" in outputs
+    model, is_plate = _graph(channels, outputs, spoiled, force_n_per_mm, misfit_per_mm), "y_mm" in outputs
     places = 25 if is_plate else 9
     metadata = Metadata(
         name=name,
@@ -218,6 +228,8 @@ class ModelOptions(TypedDict, total=False):
     prefix: str
     beam: str
     spoiled: str
+    force_n_per_mm: float
+    misfit_per_mm: float
 
 
 def content_of(name: str = "press-7", **options: Unpack[ModelOptions]) -> bytes:
@@ -230,6 +242,8 @@ def content_of(name: str = "press-7", **options: Unpack[ModelOptions]) -> bytes:
         options.get("prefix", "s"),
         options.get("beam", BEAM),
         options.get("spoiled", "position_mm"),
+        options.get("force_n_per_mm", 10.0),
+        options.get("misfit_per_mm", 1000.0),
     )
 
 
