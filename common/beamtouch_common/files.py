@@ -140,6 +140,15 @@ def _replace(path: Path, content: bytes, mode: int | None) -> None:
         raise
 
 
+def sync_folder(folder: Path) -> None:
+    """Let the names of a folder survive a loss of power as they are now; OSError if that is impossible."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def require_writable(outputs: Sequence[Path | None], inputs: Sequence[Path | None] = ()) -> None:
     """Raise InputError if an output cannot be written, or would replace an input or another output.
 

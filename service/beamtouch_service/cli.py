@@ -28,10 +28,45 @@ def _parser(given: Sequence[str]) -> Parser:
     subject.add_argument("model", nargs="?", metavar="MODEL", help="model file from `design-sensors build`")
     subject.add_argument("--config", metavar="FILE", help="configuration of the service, with the files that it names")
     check.add_argument("--json", action="store_true", help="print one JSON object on standard output")
+    _add_models(commands.add_parser("models", help="list the models of all surfaces, with candidates and digests"))
+    _add_take(commands.add_parser("take", help="put the candidate of a surface in the place of its model"))
+    _add_take_back(commands.add_parser("take-back", help="put the model before the last `take` back in its place"))
     _add_backup(commands.add_parser("backup", help="write all that makes a service into one archive, while it runs"))
     archives.add_restore(commands.add_parser("restore", help="restore an archive of `backup`"))
     _add_registers(commands.add_parser("registers", help="print the Modbus register map"))
     return parser
+
+
+def _add_models(models: argparse.ArgumentParser) -> None:
+    models.description = (
+        "List the model file of each surface with its digest, and beside it the candidate, which `take` puts in its "
+        "place, and the previous model, which `take-back` puts back."
+    )
+    models.add_argument("--config", metavar="FILE", required=True, help="configuration of the service")
+    models.add_argument("--json", action="store_true", help="print one JSON object on standard output")
+
+
+def _add_take(take: argparse.ArgumentParser) -> None:
+    take.description = (
+        "Check the candidate of a surface, and put it in the place of its model, which is kept as the previous one. A "
+        "running service uses it within a few seconds."
+    )
+    _add_surface(take)
+    words = "refuse any other candidate: digest (SHA-256) as sha256sum prints it, or its first digits, at least 6"
+    take.add_argument("--digest", metavar="HEX", help=words)
+
+
+def _add_take_back(take_back: argparse.ArgumentParser) -> None:
+    take_back.description = (
+        "Put the model that was there before the last `take` back in its place. The one that was taken becomes the "
+        "candidate again, unless there is a newer one."
+    )
+    _add_surface(take_back)
+
+
+def _add_surface(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--config", metavar="FILE", required=True, help="configuration of the service")
+    command.add_argument("surface", metavar="SURFACE", help="name of the surface in the configuration")
 
 
 def _add_backup(backup: argparse.ArgumentParser) -> None:
@@ -88,6 +123,36 @@ def _check(arguments: argparse.Namespace) -> int:
         print(setup.report(settings, as_json=arguments.json))
     else:
         print(models.report(Path(arguments.model), as_json=arguments.json))
+    return DONE
+
+
+def _models(arguments: argparse.Namespace) -> int:
+    from beamtouch_service.config import load_settings
+
+    settings = load_settings(Path(arguments.config), {})
+    from beamtouch_service.host import rollout
+
+    print(rollout.report(settings, as_json=arguments.json))
+    return DONE
+
+
+def _take(arguments: argparse.Namespace) -> int:
+    from beamtouch_service.config import load_settings
+
+    settings = load_settings(Path(arguments.config), {})
+    from beamtouch_service.host import rollout
+
+    print(rollout.take(settings, arguments.surface, arguments.digest))
+    return DONE
+
+
+def _take_back(arguments: argparse.Namespace) -> int:
+    from beamtouch_service.config import load_settings
+
+    settings = load_settings(Path(arguments.config), {})
+    from beamtouch_service.host import rollout
+
+    print(rollout.take_back(settings, arguments.surface))
     return DONE
 
 
@@ -152,7 +217,16 @@ def _run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-_WORK = {"run": _run, "check": _check, "backup": _back_up, "restore": _restore, "registers": _registers}
+_WORK = {
+    "run": _run,
+    "check": _check,
+    "models": _models,
+    "take": _take,
+    "take-back": _take_back,
+    "backup": _back_up,
+    "restore": _restore,
+    "registers": _registers,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

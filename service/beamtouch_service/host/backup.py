@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 from beamtouch_common.archives import Part, write_archive
 from beamtouch_common.errors import FailedError
 from beamtouch_service.config import Settings
+from beamtouch_service.host.rollout import staged_beside
 from beamtouch_service.record import RecordAwayError, copy_record
 
 _SECRETS = ("token_file", "password_file", "key_file")
@@ -25,6 +26,7 @@ def back_up(config: Path, settings: Settings, target: Path, *, program: str, wit
     """
     record = settings.events.file
     named = dict(_files_in(settings.model_dump(exclude={"events"})))
+    named |= {path: "model" for section in settings.surfaces.values() for path in staged_beside(section.model)}
     secrets = {path for path, key in named.items() if key.endswith(_SECRETS)}
     left_out = set() if with_secrets else secrets
     parts = [Part(config), *(Part(path, is_secret=path in secrets) for path in named if path not in left_out)]

@@ -4,12 +4,14 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.outline import BEAM_AXES
 from beamtouch_common.zones import first_conflict
 from beamtouch_models import runtime
 from beamtouch_models.runtime import ModelFile, ModelFileError
+from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.model_description import describe_model
 from beamtouch_service.surfaces.surface import Surface
 
@@ -23,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 def load(path: Path) -> ModelFile:
     """Load a model and check that a service can use it; raises ModelFileError."""
-    return _parse(runtime.read(path), str(path))
+    return parse(runtime.read(path), str(path))
 
 
 def name_axes(surface: str, path: Path | None) -> tuple[str, tuple[str, ...]]:
@@ -50,7 +52,8 @@ def report(path: Path, *, as_json: bool) -> str:
     return describe_model(model).model_dump_json() if as_json else model.summary()
 
 
-def _parse(content: bytes, origin: str) -> ModelFile:
+def parse(content: bytes, origin: str) -> ModelFile:
+    """Return the model of a file's content as `load` does; `origin` is named in errors."""
     model = runtime.load_bytes(content, origin)
     if model.lacks:
         # The service states intervals, and says when nothing or no single contact explains a sample.
@@ -60,6 +63,11 @@ def _parse(content: bytes, origin: str) -> ModelFile:
         )
         raise ModelFileError(message)
     return model
+
+
+def find_zone_conflict(section: SurfaceSection, model: ModelFile) -> str:
+    """Return the first zone of a surface that a model cannot answer for, and why; empty if there is none."""
+    return first_conflict(section.zones, model.metadata.outline, estimates_force="force_n" in model.outputs)
 
 
 class ModelKeeper:
@@ -85,7 +93,7 @@ class ModelKeeper:
                 self._tried, self._waiting = stamp, None
                 # In a thread, because requests go on meanwhile.
                 self._adopt(await asyncio.to_thread(load, self.path))
-            elif self._waiting is not None and not self._mismatch(self._waiting):
+            elif self._waiting is not None and not self.find_mismatch(self._waiting):
                 self._adopt(self._waiting)
         except ModelFileError as error:
             self._refuse(error)
@@ -98,7 +106,7 @@ class ModelKeeper:
         """
         old, self._waiting = self.surface.model, None
         if old is None or old.identity != model.identity:
-            if mismatch := self._mismatch(model):
+            if mismatch := self.find_mismatch(model):
                 self._waiting = model
                 raise ModelFileError(f"{self.path}: {mismatch}")
             if conflict := self.zone_conflict(model):
@@ -118,10 +126,9 @@ class ModelKeeper:
 
     def zone_conflict(self, model: ModelFile) -> str:
         """Return the first zone of the surface that a model cannot answer for, and why; empty if there is none."""
-        estimates_force = "force_n" in model.outputs
-        return first_conflict(self.surface.section.zones, model.metadata.outline, estimates_force=estimates_force)
+        return find_zone_conflict(self.surface.section, model)
 
-    def _mismatch(self, model: ModelFile) -> str:
+    def find_mismatch(self, model: ModelFile) -> str:
         """Return why a model does not fit the samples that arrive; empty if it does.
 
         If they state no beam, it must be of the same beam as the model in use.
@@ -142,8 +149,17 @@ class ModelKeeper:
         return ""
 
 
-async def watch(keepers: Sequence[ModelKeeper]) -> None:
-    """Look at the model files until cancelled, and load one after another."""
+class Keeper(Protocol):
+    """Keeps something in step with a file."""
+
+    path: Path
+
+    async def poll(self, stamp: Stamp | None) -> None:
+        """Look at the file, which has this stamp now; None: it is not there."""
+
+
+async def watch(keepers: Sequence[Keeper]) -> None:
+    """Look at the files until cancelled, and load one after another."""
     while True:
         await asyncio.sleep(POLL_S)
         # In a thread, because a file system over a network may not answer.

@@ -21,7 +21,8 @@ from beamtouch_service.api.context import Streams
 from beamtouch_service.callers import TrustedProxies
 from beamtouch_service.config import Settings, read_access
 from beamtouch_service.host import models
-from beamtouch_service.host.models import ModelKeeper
+from beamtouch_service.host.candidates import CandidateKeeper
+from beamtouch_service.host.models import Keeper, ModelKeeper
 from beamtouch_service.host.serve import configure, serve
 from beamtouch_service.outputs import make
 from beamtouch_service.own_names import OwnNames
@@ -47,7 +48,8 @@ class Prepared:
     access: Access
     address: Address
     surfaces: list[Surface]
-    keepers: list[ModelKeeper]
+    keepers: list[Keeper]
+    """Of models and their candidates."""
     outputs: list[Output]
     warnings: list[str]
     """Warnings: settings that work, but may not be meant."""
@@ -71,7 +73,9 @@ def prepare(settings: Settings) -> Prepared:
     address = Address("server", server.host, server.port, require=partial(_require_tokens, access))
     outputs = [make(section, [surface.name for surface, _ in loaded], access) for section in settings.outputs]
     warnings = _warnings(settings, access, address) + [words for output in outputs for words in output.warnings]
-    keepers = [keeper for _, keeper in loaded if keeper]
+    keepers = list[Keeper]()
+    for _, keeper in loaded:
+        keepers += [keeper, CandidateKeeper(keeper)] if keeper else []
     return Prepared(access, address, [surface for surface, _ in loaded], keepers, outputs, warnings)
 
 

@@ -40,7 +40,8 @@ def done(process: Process) -> tuple[int, str, str]:
 @pytest.fixture
 def line(start_service: StartService, build_model: BuildModel, tmp_path: Path) -> Service:
     """A service with a contact on record, in the folder of the test."""
-    build_model()
+    for name in ("press-7", "press-7.candidate", "press-7.previous"):
+        build_model(name)
     (tmp_path / "record").mkdir()
     (tmp_path / "service.toml").write_text(CONFIG)
     service = start_service("--config", "service.toml")
@@ -63,12 +64,14 @@ def test_a_running_service_is_backed_up_and_restored_on_a_bare_machine(
         "folder/service.toml",
         "folder/token",
         "folder/press-7.onnx",
+        "folder/press-7.candidate.onnx",
+        "folder/press-7.previous.onnx",
         "folder/record/events.db",
     ]
     before = answers(line)
     line.stop(signal.SIGTERM)
     code, said, errors = done(command("restore", archive, new))
-    assert (code, errors, len(said.splitlines())) == (0, "", 4)
+    assert (code, errors, len(said.splitlines())) == (0, "", 6)
     restored = service_of(command("run", "--config", new / "service.toml"), TOKEN)
     assert restored.get("/events", TOKEN).json()["events"][0]["end"] == "lift"
     assert before[1]["chain"]["holds"]

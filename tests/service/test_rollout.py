@@ -1,0 +1,389 @@
+"""Model files in stages: `models`, `take` and `take-back`, and the candidate that a running service compares."""
+
+import json
+import os
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
+from beamtouch_service import cli
+from beamtouch_service.host import models, rollout
+from beamtouch_service.host.candidates import CandidateKeeper
+from beamtouch_service.host.models import ModelKeeper
+from service.bench import parsed, surface_with
+from service.event_story import RESTING, TOUCHING
+from support.programs.in_process import Command, command_of
+from support.surfaces.small_model import content_of, model_of
+
+OLD, NEW, NEWER = content_of("old"), content_of("new"), content_of("newer")
+OTHER_BEAM = content_of("new", beam="beam-2")
+
+
+class Files:
+    """The files of one surface, and the commands on them."""
+
+    def __init__(self, folder: Path, command: Command) -> None:
+        self.folder, self.command = folder, command
+        self.config = folder / "service.toml"
+        self.config.write_text("[surfaces.press-7]\nmodel = 'press-7.onnx'\n")
+        self.model = folder / "press-7.onnx"
+        self.candidate, self.previous = rollout.candidate_of(self.model), rollout.previous_of(self.model)
+        self.model.write_bytes(OLD)
+
+    def take(self, *options: str, command: str = "take") -> tuple[object, str]:
+        """Return exit code and what is said, on both streams."""
+        outcome = self.command(command, "--config", self.config, "press-7", *options)
+        return outcome.returncode, outcome.stdout + outcome.stderr
+
+    def take_back(self) -> tuple[object, str]:
+        return self.take(command="take-back")
+
+    @property
+    def contents(self) -> dict[str, bytes]:
+        """The files of the folder by the middle of their name, but for the configuration."""
+        names = {"press-7.onnx": "model", "press-7.candidate.onnx": "candidate", "press-7.previous.onnx": "previous"}
+        return {names.get(one.name, one.name): one.read_bytes() for one in self.folder.glob("*onnx*")}
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str]) -> Command:
+    return command_of(cli.main, capsys)
+
+
+@pytest.fixture
+def files(tmp_path: Path, command: Command) -> Files:
+    return Files(tmp_path, command)
+
+
+def test_a_candidate_is_taken_and_taken_back(files: Files) -> None:
+    files.candidate.write_bytes(NEW)
+    code, said = files.take()
+    assert (code, files.contents) == (0, {"model": NEW, "previous": OLD})
+    new, old = model_of("new").identity, model_of("old").identity
+    assert said.startswith(f"surface press-7: {new} (sha256 ")
+    assert f" instead of {old} (sha256 " in said
+    assert said.count("\n") == 1
+    code, said = files.take_back()
+    assert (code, files.contents) == (0, {"model": OLD, "candidate": NEW})
+    assert said.startswith(f"surface press-7: {old} (sha256 ")
+    assert files.take()[0] == 0
+    assert files.contents == {"model": NEW, "previous": OLD}
+
+
+def test_a_candidate_that_came_meanwhile_stays_and_no_model_is_lost(files: Files) -> None:
+    files.candidate.write_bytes(NEW)
+    files.take()
+    files.candidate.write_bytes(NEWER)
+    assert files.take_back()[0] == 0
+    assert files.contents == {"model": OLD, "candidate": NEWER, "previous": NEW}
+
+
+def test_the_files_keep_the_permissions_of_the_model(files: Files) -> None:
+    """A service of another user reads them: a copy that only its owner may read would leave it without a model."""
+    files.model.chmod(0o644)
+    files.candidate.write_bytes(NEW)
+    files.candidate.chmod(0o600)
+    files.take()
+    assert {one.stat().st_mode & 0o777 for one in (files.model, files.previous)} == {0o644}
+
+
+def test_a_link_stays_a_link(files: Files) -> None:
+    files.model.rename(files.folder / "press-7-of-may.onnx.1")
+    files.model.symlink_to("press-7-of-may.onnx.1")
+    files.candidate.write_bytes(NEW)
+    files.take()
+    assert files.model.is_symlink()
+    assert files.contents == {"model": NEW, "previous": OLD, "press-7-of-may.onnx.1": NEW}
+
+
+@pytest.mark.promise("docs/how-to/rollout.md", "if its digest begins otherwise, nothing changes")
+def test_a_candidate_of_another_digest_is_not_taken(files: Files) -> None:
+    files.candidate.write_bytes(NEW)
+    digest = sha256(NEW).hexdigest()
+    for wrong in ("0" * 64, digest[:-1] + ("0" if digest[-1] != "0" else "1"), digest[:5], "press-7", ""):
+        code, said = files.take("--digest", wrong)
+        assert (code, said.count("\n"), files.contents) == (2, 1, {"model": OLD, "candidate": NEW}), wrong
+    assert digest in files.take("--digest", "0" * 64)[1]
+    assert files.take("--digest", digest[:6].upper())[0] == 0
+    assert files.contents == {"model": NEW, "previous": OLD}
+
+
+BAD = {
+    "damaged or not an ONNX file": NEW[: len(NEW) // 2],
+    "the file is empty": b"",
+    "golden answers": NEW.replace(b"130.", b"131."),
+    "a service needs more outputs than it has": content_of("new", outputs=("position_mm",)),
+    "it is of beam beam-2, the model in use of beam-1": OTHER_BEAM,
+    "is the model in use already": OLD,
+}
+
+
+@pytest.mark.promise("docs/how-to/rollout.md", "Otherwise it says so in one line, exits with 2, and changes nothing.")
+@pytest.mark.parametrize("complaint", BAD)
+def test_a_file_that_a_service_would_not_use_is_neither_taken_nor_taken_back(files: Files, complaint: str) -> None:
+    for path, take in ((files.candidate, files.take), (files.previous, files.take_back)):
+        path.write_bytes(BAD[complaint])
+        before = files.contents
+        code, said = take()
+        assert (code, said.count("\n"), files.contents) == (2, 1, before)
+        assert complaint in said
+        path.unlink()
+
+
+def test_a_zone_that_the_candidate_cannot_have_is_named(files: Files) -> None:
+    files.config.write_text(
+        "[surfaces.press-7]\nmodel = 'press-7.onnx'\nzones.gate = {from_mm = 1, to_mm = 9, least_force_n = 5}\n"
+    )
+    files.candidate.write_bytes(content_of("new", outputs=POSITION_OUTPUTS))
+    code, said = files.take()
+    assert (code, sorted(files.contents)) == (2, ["candidate", "model"])
+    assert "surfaces.press-7.zones.gate: a bound of the force needs a scene" in said
+
+
+def test_where_there_is_nothing_to_take_it_says_where_a_file_would_be(files: Files, command: Command) -> None:
+    assert files.take() == (
+        2,
+        f"beamtouch-service: surface press-7: nothing to take: there is no {files.candidate}\n",
+    )
+    assert files.take_back() == (
+        2,
+        f"beamtouch-service: surface press-7: nothing to take back: there is no {files.previous}\n",
+    )
+    outcome = command("take", "--config", files.config, "press-8")
+    assert outcome.stderr == "beamtouch-service: no surface is called 'press-8'; the surfaces are press-7\n"
+    files.config.write_text("[surfaces.press-7]\n")
+    assert "surface press-7 has no model; set surfaces.press-7.model" in files.take()[1]
+
+
+def test_a_damaged_model_gives_way_and_is_kept_nowhere(files: Files) -> None:
+    for name in ("candidate", "previous"):
+        files.model.write_bytes(b"damaged")
+        (files.candidate if name == "candidate" else files.previous).write_bytes(NEW)
+        assert (files.take() if name == "candidate" else files.take_back())[0] == 0
+        assert files.contents == {"model": NEW}
+    files.model.unlink()
+    files.candidate.write_bytes(NEW)
+    assert files.take()[0] == 0
+    assert files.contents == {"model": NEW}
+
+
+class KilledError(BaseException):
+    """Stands for the end of the process, or of the power, before a step."""
+
+
+STEPS = ("replace", "unlink")
+
+
+@pytest.mark.promise(
+    "docs/how-to/rollout.md", "Whatever ends the command, the model file is the old one or the new one"
+)
+@pytest.mark.parametrize("word", ["take", "take-back", "take-back beside another candidate"])
+def test_at_each_moment_there_is_a_whole_model_and_the_command_can_be_typed_again(
+    files: Files, monkeypatch: pytest.MonkeyPatch, word: str
+) -> None:
+    """Each step that changes the folder is the last one once."""
+    is_take, ends = word == "take", 0
+    while True:
+        for path in files.folder.glob("*onnx*"):
+            path.unlink()
+        files.model.write_bytes(OLD)
+        (files.candidate if is_take else files.previous).write_bytes(NEW)
+        if word.endswith("candidate"):
+            files.candidate.write_bytes(NEWER)
+        left = [ends]
+
+        def end_before(step: str, left: list[int] = left) -> None:
+            original = getattr(Path, step)
+
+            def do(self: Path, *arguments: object, **options: object) -> object:
+                if self.suffix == ".partial" and step == "unlink":
+                    return original(self, *arguments, **options)  # a process that is killed leaves it there
+                if not left[0]:
+                    raise KilledError
+                left[0] -= 1
+                return original(self, *arguments, **options)
+
+            patched.setattr(Path, step, do)
+
+        with monkeypatch.context() as patched:
+            for step in STEPS:
+                end_before(step)
+            try:
+                assert (files.take() if is_take else files.take_back())[0] == 0
+                break
+            except KilledError:
+                pass
+        assert files.model.read_bytes() in (OLD, NEW)
+        # Beside another candidate, the model that was taken back has no name of its own for a moment.
+        assert ({NEW} if word.endswith("candidate") else {OLD, NEW}) <= set(files.contents.values())
+        code, said = files.take() if is_take else files.take_back()
+        assert (code == 0) != ("is the model in use already" in said)
+        assert files.model.read_bytes() == NEW
+        ends += 1
+    assert ends >= 2
+
+
+def test_the_names_survive_a_loss_of_power_in_their_order(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder is written to the disk after each name that changes, before the next one does."""
+    files.candidate.write_bytes(NEW)
+    seen, sync = list[dict[str, bytes]](), os.fsync
+
+    def note(descriptor: int) -> None:
+        sync(descriptor)
+        if Path(f"/proc/self/fd/{descriptor}").is_dir():
+            seen.append({name: content for name, content in files.contents.items() if not name.startswith(".")})
+
+    monkeypatch.setattr(os, "fsync", note)
+    files.take()
+    assert seen == [
+        {"model": OLD, "candidate": NEW, "previous": OLD},
+        {"model": NEW, "candidate": NEW, "previous": OLD},
+        {"model": NEW, "previous": OLD},
+    ]
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_nothing_changes(
+    files: Files, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files.candidate.write_bytes(NEW)
+
+    def fail(_self: Path, _target: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    code, said = files.take()
+    assert (code, files.contents) == (1, {"model": OLD, "candidate": NEW})
+    assert said == f"beamtouch-service: {files.previous}: No space left on device; type the command again\n"
+
+
+def test_the_list_has_each_file_with_its_digest(files: Files, command: Command) -> None:
+    files.candidate.write_bytes(b"hello")
+    files.previous.write_bytes(NEW)
+    outcome = command("models", "--config", files.config)
+    lines = outcome.stdout.splitlines()
+    digests = [sha256(one).hexdigest() for one in (OLD, b"hello", NEW)]
+    assert [line.split()[:3] for line in lines] == [
+        ["surface", "file", "sha256"],
+        ["press-7", "model", digests[0][:12]],
+        ["press-7", "candidate", digests[1][:12]],
+        ["press-7", "previous", digests[2][:12]],
+    ]
+    assert lines[1].endswith(model_of("old").identity)
+    assert "damaged or not an ONNX file" in lines[2]
+    listed = json.loads(command("models", "--config", files.config, "--json").stdout)["surfaces"]["press-7"]
+    assert [listed[kind]["sha256"] for kind in ("model", "candidate", "previous")] == digests
+    files.candidate.unlink()
+    files.previous.unlink()
+    assert len(command("models", "--config", files.config).stdout.splitlines()) == 2
+    listed = json.loads(command("models", "--config", files.config, "--json").stdout)["surfaces"]["press-7"]
+    assert (listed["candidate"], listed["previous"]) == (None, None)
+    files.config.write_text("[surfaces.press-7]\n")
+    assert command("models", "--config", files.config).stdout == "no model files\n"
+
+
+class Kept(CandidateKeeper):
+    """The keeper of the candidate of a surface."""
+
+    def __init__(self, files: Files) -> None:
+        self.surface = surface_with(models.load(files.model))
+        self.of_model = ModelKeeper(self.surface, files.model, models.stamp_of(files.model))
+        super().__init__(self.of_model)
+
+    async def polls(self, content: bytes | None = None, times: int = 3) -> None:
+        if content is not None:
+            self.path.write_bytes(content)
+        for _ in range(times):
+            await self.of_model.poll(models.stamp_of(self.of_model.path))
+            await self.poll(models.stamp_of(self.path))
+
+    @property
+    def compared(self) -> str | None:
+        shadow = self.surface.shadow
+        return shadow.model.identity.partition("@")[0] if shadow else None
+
+    @property
+    def state(self) -> list[str | None]:
+        """Name of the candidate that is compared, and why none is."""
+        return [self.compared, self.surface.candidate_error]
+
+
+@pytest.fixture
+def kept(files: Files) -> Kept:
+    return Kept(files)
+
+
+@pytest.mark.anyio
+async def test_a_candidate_is_compared_until_it_is_gone(kept: Kept) -> None:
+    await kept.polls()
+    assert kept.state == [None, None]
+    await kept.polls(NEW, times=1)
+    assert kept.compared is None
+    await kept.polls()
+    shadow = kept.surface.shadow
+    assert kept.state == ["new", None]
+    await kept.polls()
+    assert kept.surface.shadow is shadow
+    await kept.polls(NEWER)
+    assert kept.compared == "newer"
+    kept.path.unlink()
+    await kept.polls(times=1)
+    assert kept.state == [None, None]
+    # It may come back as it was.
+    await kept.polls(NEWER)
+    assert kept.compared == "newer"
+
+
+@pytest.mark.anyio
+@pytest.mark.promise("docs/how-to/rollout.md", "A candidate that cannot be used changes nothing")
+async def test_a_candidate_that_cannot_be_used_is_named_once(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    reasons = {complaint: content for complaint, content in BAD.items() if content not in (OLD, OTHER_BEAM)} | {
+        "it is the model in use": OLD,
+        "it is of beam beam-2, the model in use is of beam beam-1": OTHER_BEAM,
+        "it needs s4, s5, but the samples of this surface lack them": content_of("new", channels=5),
+    }
+    kept.surface.receive(parsed(RESTING), 10.0)
+    for number, (complaint, content) in enumerate(reasons.items(), 1):
+        await kept.polls(content, times=5)
+        assert kept.compared is None
+        assert complaint in str(kept.surface.candidate_error)
+        assert complaint in caplog.messages[-1]
+        assert len(caplog.messages) == number
+        assert kept.surface.model_error is None
+
+
+@pytest.mark.anyio
+async def test_what_is_taken_is_in_use_and_compared_no_longer(kept: Kept, files: Files) -> None:
+    await kept.polls(NEW)
+    kept.surface.receive(parsed(TOUCHING), 10.0)
+    files.take()
+    await kept.polls()
+    assert kept.surface.model
+    assert kept.surface.model.identity == model_of("new").identity
+    assert kept.compared is None
+    files.take_back()
+    await kept.polls()
+    assert kept.surface.model.identity == model_of("old").identity
+    assert kept.compared == "new"
+
+
+@pytest.mark.anyio
+async def test_another_model_begins_the_comparison_anew(kept: Kept, files: Files) -> None:
+    await kept.polls(NEW)
+    shadow = kept.surface.shadow
+    files.model.write_bytes(NEWER)
+    await kept.polls()
+    assert kept.compared == "new"
+    assert kept.surface.shadow is not shadow
+
+
+@pytest.mark.anyio
+async def test_without_a_model_in_use_there_is_nothing_to_compare(files: Files) -> None:
+    surface = surface_with(None)
+    surface.model_error = "damaged"
+    keeper = CandidateKeeper(ModelKeeper(surface, files.model, None))
+    files.candidate.write_bytes(NEW)
+    for _ in range(3):
+        await keeper.poll(models.stamp_of(keeper.path))
+    assert "there is no model in use to compare it with" in str(surface.candidate_error)
