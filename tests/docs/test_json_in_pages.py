@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from beamtouch_service.api.events import EventList
+from beamtouch_service.api.surfaces import CandidateReport
 from beamtouch_service.api.trail import TrailPage
 from beamtouch_service.fields import example_of
 from beamtouch_service.problems import Kind
@@ -31,6 +32,8 @@ def test_an_answer_in_a_page_is_one_of_today(shown: dict[str, Any]) -> None:
         Contact.model_validate(example_of(fields_of()) | shown)
     elif "type" in shown:
         assert_is_problem(shown)
+    elif "comparison" in shown:
+        CandidateReport.model_validate(shown, extra="forbid")
     elif "entries" in shown:
         TrailPage.model_validate(shown, extra="forbid")
     else:

@@ -45,6 +45,11 @@ GUIDES = {
         r"gain +s1 \S+ \+- \S+ s2 \+[345]\.",
     ],
     "docs/how-to/backup.md": [r"(?s)folder/events\.db\n.*\"lifted_at\".*\"state\":\"contact\""],
+    "docs/how-to/rollout.md": [
+        r"strip +candidate +[0-9a-f]{12} ",
+        '"is_worse":false',
+        r"(?s)surface strip: (strip@\S+) \S+ \S+ instead of (strip@\S+) .*surface strip: \2 \S+ \S+ instead of \1 ",
+    ],
     "docs/how-to/upgrade.md": ["checked  the graph gives the 9 answers", "posterior"],
 }
 """What the guides print, among other things; patterns."""
@@ -98,6 +103,7 @@ CONSOLE = {
     "docs/how-to/mqtt.md": 3,  # a broker
     "docs/how-to/micropython-board.md": 2,  # a board
     "docs/how-to/opcua.md": 1,  # the name of a host
+    "docs/how-to/rollout.md": 3,  # hosts, a repository and a broker
     "docs/how-to/sweeps.md": 1,  # a cluster
     "docs/how-to/time-series.md": 1,  # another database
     "docs/how-to/troubleshooting.md": 2,  # systemd, a serial line

@@ -44,6 +44,7 @@ NEEDS = {
     "GET /surfaces/{name}": "read",
     "GET /surfaces/{name}/beam": "read",
     "GET /surfaces/{name}/calibration-data": "read",
+    "GET /surfaces/{name}/candidate": "read",
     "GET /surfaces/{name}/commissioning": "read",
     "GET /surfaces/{name}/commissionings": "read",
     "GET /surfaces/{name}/commissionings/{id}": "read",

@@ -11,6 +11,7 @@ from beamtouch_service.api import gate
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery, context_of
 from beamtouch_service.problems import ProblemBody, ProblemError
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
+from beamtouch_service.surfaces.comparison import ComparisonReport
 from beamtouch_service.surfaces.fields import Contact, PlateContact, encode
 from beamtouch_service.surfaces.model_description import ModelDescription, describe_model
 from beamtouch_service.surfaces.order import SampleCounts
@@ -66,6 +67,19 @@ class SurfaceList(BaseModel):
     surfaces: list[SurfaceSummary]
 
 
+class CandidateReport(BaseModel):
+    """The candidate of a surface beside its model."""
+
+    model: str | None
+    """Name and fingerprint of the model in use; null without one."""
+    candidate: str | None
+    """Name and fingerprint of the candidate that is compared with it; null without one."""
+    error: str | None
+    """Reason not to compare the file of the candidate, or no longer; null while it is compared, and without a file."""
+    comparison: ComparisonReport | None
+    """What is known so far; null without a candidate that is compared, or was until an error ended that."""
+
+
 class Beam(BaseModel):
     """The data to draw a beam, or a plate from above."""
 
@@ -119,6 +133,22 @@ async def get_surface(context: ContextParameter, name: SurfaceInPath) -> Surface
 async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDescription:
     """Return the metadata of the model of this surface: layout, ranges, accuracy, calibration."""
     return describe_model(_model(context, name))
+
+
+@model_router.get("/surfaces/{name}/candidate")
+async def get_candidate(context: ContextParameter, name: SurfaceInPath) -> CandidateReport:
+    """Return how the candidate of this surface differs from its model, on the samples that arrived since it came.
+
+    It answers 200 without a candidate, too.
+    """
+    surface = context.registry.named(name)
+    shadow = surface.shadow
+    return CandidateReport(
+        model=surface.model.identity if surface.model else None,
+        candidate=shadow.model.identity if shadow else None,
+        error=surface.candidate_error or (shadow.error if shadow else None),
+        comparison=shadow.comparison.report() if shadow else None,
+    )
 
 
 @model_router.get("/surfaces/{name}/beam")

@@ -69,6 +69,7 @@ class Figures(Collector):
 
 def _of_surfaces(views: Views, now_s: float) -> Iterator[Metric]:
     yield from _of_samples(views, now_s)
+    yield from _of_candidates(views)
     yield from _of_states(views)
     yield from _of_zones(views)
     yield from _of_channels(views)
@@ -134,6 +135,29 @@ def _of_samples(views: Views, now_s: float) -> Iterator[Metric]:
         if (ahead_s := clock_ahead_s(surface, now_s)) is not None:
             ahead.add_metric(label, ahead_s)
     yield from (samples, repeated, missing, senders, age, ahead, model, refused)
+
+
+def _of_candidates(views: Views) -> Iterator[Metric]:
+    words = "1 for the candidate that runs beside the model."
+    candidate = GaugeMetricFamily("beamtouch_candidate", words, labels=["surface", "model"])
+    words = "1 while the file of a candidate is not compared."
+    refused = GaugeMetricFamily("beamtouch_candidate_refused", words, labels=["surface"])
+    words = "Samples on which the candidate was compared with the model."
+    samples = CounterMetricFamily("beamtouch_candidate_samples", words, labels=["surface"])
+    words = "Samples for which the candidate gave another state than the model."
+    differing = CounterMetricFamily("beamtouch_candidate_differing", words, labels=["surface"])
+    words = "Mean difference of a figure of contacts, whatever its sign, in the unit of its name."
+    difference = GaugeMetricFamily("beamtouch_candidate_difference", words, labels=["surface", "figure"])
+    for surface, _ in views:
+        shadow = surface.shadow
+        refused.add_metric([surface.name], bool(surface.candidate_error or (shadow and shadow.error)))
+        if shadow:
+            candidate.add_metric([surface.name, shadow.model.identity], shadow.error is None)
+            samples.add_metric([surface.name], shadow.comparison.samples)
+            differing.add_metric([surface.name], shadow.comparison.differing)
+            for figure, one in shadow.comparison.differences.items():
+                difference.add_metric([surface.name, figure], one.mean_size)
+    yield from (candidate, refused, samples, differing, difference)
 
 
 def _of_states(views: Views) -> Iterator[Metric]:
