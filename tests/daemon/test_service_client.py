@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 
 import pytest
 
@@ -24,6 +25,7 @@ from beamtouch_daemon.delivery.client import (
 )
 from beamtouch_daemon.delivery.readiness import calibration_on, contact_on
 from beamtouch_service.problems import Kind
+from beamtouch_service.samples import Batch
 from support.network.certificates import make_certificate
 from support.surfaces import configs
 
@@ -53,13 +55,16 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Certificates:
 
 
 @asynccontextmanager
-async def answering(answer: bytes = ANSWER, certificate: tuple[Path, Path] | None = None) -> AsyncIterator[str]:
-    """Run a server that answers every request with these bytes; gives its host and port."""
+async def answering(
+    answer: bytes = ANSWER, certificate: tuple[Path, Path] | None = None, wait_s: float = 0.0
+) -> AsyncIterator[str]:
+    """Run a server that answers every request with these bytes after a while; gives its host and port."""
 
     async def run(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         read = await reader.read(65_536)
-        while read.startswith(b"POST") and b"{}" not in read:
+        while read.startswith(b"POST") and b"{}" not in read and b"gzip" not in read:
             read += await reader.read(65_536)
+        await asyncio.sleep(wait_s)
         writer.write(answer)
         writer.close()
 
@@ -148,6 +153,32 @@ def test_the_types_of_problems_are_those_of_the_service() -> None:
     assert all(kind.type_uri == uri for kind, uri in never.items())
 
 
+RECEIPT = b'{"accepted": 1, "repeated": 0, "durable": null, "expected": null, "stale_ms": 500}'
+
+
+@pytest.mark.parametrize(
+    ("verdict", "status", "content"),
+    [
+        *((Verdict.TAKEN, status, RECEIPT) for status in (200, 299)),
+        *((Verdict.LATER, status, RECEIPT) for status in (199, 300)),
+        *((Verdict.LATER, status, b"") for status in (200, 399, 408, 429, 500, 503)),
+        *((Verdict.REFUSED, status, b"") for status in (400, 401, 404, 407, 409, 428, 430, 499)),
+        *((Verdict.SMALLER, status, b"") for status in (413,)),
+        *((Verdict.SMALLER, status, b'{"type": "%s"}' % INVALID_REQUEST.encode()) for status in (422, 503)),
+        *((Verdict.REFUSED, status, b'{"type": "%s"}' % OTHER_BEAM.encode()) for status in (409, 503)),
+    ],
+)
+def test_an_answer_means_for_a_batch_what_its_problem_says_or_else_its_status(
+    verdict: Verdict, status: int, content: bytes
+) -> None:
+    assert ServiceAnswer(status, content).verdict is verdict
+
+
+def test_of_an_explanation_the_first_400_characters_are_said() -> None:
+    answers = [ServiceAnswer(503, b'{"detail": "%s"}' % (b"x" * length)) for length in (400, 401)]
+    assert [answer.explanation for answer in answers] == [f"status 503: {'x' * 400}"] * 2
+
+
 def answer_of(body: str, status: str = "200 OK") -> bytes:
     """Return what a server answers with this JSON."""
     return f"HTTP/1.1 {status}\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode()
@@ -208,11 +239,43 @@ async def test_what_is_no_answer_has_advice_only_if_something_is_to_be_changed()
 
 async def test_the_debug_log_shows_each_request_and_its_answer(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("DEBUG", "beamtouch_daemon.delivery")
-    async with answering(b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 2\r\n\r\n{}") as address:
+    begin_s = monotonic()
+    async with answering(b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 2\r\n\r\n{}", wait_s=0.05) as address:
         await post(f"http://{address}")
+        async with ServiceClient(f"http://{address}", "token") as client:
+            with pytest.raises(UnreachableError):
+                await client.post_samples("bench", Batch(boot_id="boot-0001", channels=["s1"], samples=[]), 0.02)
+    at_most_ms = (monotonic() - begin_s) * 1e3
     await unreachable(f"http://{address}")
     url = f"POST http://{address}/surfaces/bench/samples"
-    asked, answered, again, lost = caplog.messages[:4]
+    asked, answered, _, late, again, lost = caplog.messages[:6]
     assert asked == again == f"{url} with 2 bytes"
-    assert re.fullmatch(rf"{re.escape(url)}: status 503 after \d+\.\d ms \(status 503\)", answered)
+    found = re.fullmatch(rf"{re.escape(url)}: status 503 after (\d+\.\d) ms \(status 503\)", answered)
+    assert found is not None
+    assert 50 <= float(found[1]) <= at_most_ms
+    found = re.fullmatch(rf"{re.escape(url)}: no answer after (\d+) ms: timeout", late)
+    assert found is not None
+    assert 20 <= float(found[1]) <= at_most_ms
     assert re.fullmatch(rf"{re.escape(url)}: no answer after \d+ ms: Connection refused", lost)
+
+
+async def test_what_was_not_sent_of_a_request_that_was_given_up_is_never_sent() -> None:
+    given_up, ends = asyncio.Event(), asyncio.Queue[Exception | None]()
+
+    async def run(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await given_up.wait()
+        try:
+            while await reader.read(65_536):
+                pass
+            ends.put_nowait(None)
+        except ConnectionResetError as error:
+            ends.put_nowait(error)
+        writer.close()
+
+    async with await asyncio.start_server(run, "127.0.0.1", 0) as server:
+        url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        async with ServiceClient(url, "token") as client:
+            with pytest.raises(UnreachableError):
+                await client.post_samples("bench", Batch(boot_id="boot-0001", channels=["s1"], samples=[]), 0.5)
+            given_up.set()
+            assert isinstance(await ends.get(), ConnectionResetError)

@@ -4,6 +4,7 @@ import csv
 import io
 import os
 import sqlite3
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -315,12 +316,12 @@ def test_a_path_that_is_no_text_does_not_hold_up_the_trail(place: Path | str) ->
     assert said(bench)[0] == (1, "start", None, "service", {"options": {"model": "?.onnx"}})
 
 
-def ask(bench: Bench, peer: str, headers: dict[str, str]) -> httpx2.Response:
+def ask(bench: Bench, peer: str, headers: Iterable[tuple[str, str]]) -> httpx2.Response:
     """Send a batch over a connection from this address."""
     client = TestClient(bench.app, client=(peer, 50_000), raise_server_exceptions=False)
     client.portal = Bench.event_loop
-    named = headers | {"Authorization": f"Bearer {HALL}"}
-    encoded = {name.encode(): value.encode() for name, value in named.items()}
+    named = [*headers, ("Authorization", f"Bearer {HALL}")]
+    encoded = [(name.encode(), value.encode()) for name, value in named]
     return client.post("/surfaces/press-7/samples", json=batch_of(), headers=encoded)
 
 
@@ -344,10 +345,37 @@ def test_a_user_is_believed_from_a_trusted_proxy_only(
     peer: str, headers: dict[str, str], who: tuple[str, str, str]
 ) -> None:
     bench = Bench(surface_of(), access=ACCESS, proxies=["10.0.0.5", "10.0.1.0/24", "fd00::/64"])
-    assert ask(bench, peer, headers).status_code == 200
+    assert ask(bench, peer, headers.items()).status_code == 200
     bench.pass_second()
     (entry,) = audit(bench, "?action=token&limit=1")["entries"]
     assert (entry["by"], entry["token"], entry["address"]) == who
+
+
+@pytest.mark.parametrize(
+    ("headers", "by", "address"),
+    [
+        ([("X-Forwarded-User", "bea"), ("X-Forwarded-User", "ann")], "hall", "10.0.0.5"),
+        ([("X-Forwarded-For", "1.1.1.1"), ("X-Forwarded-For", "10.9.0.7")], "hall", "10.9.0.7"),
+        ([("X-Forwarded-For", "1.1.1.1,2.2.2.2,10.9.0.7")], "hall", "10.9.0.7"),
+        ([("X-Forwarded-For", "x" * 81)], "hall", "x" * 80),
+    ],
+    ids=["two users", "two addresses", "a chain", "a long one"],
+)
+def test_of_headers_that_a_client_may_have_sent_too_that_of_the_proxy_counts(
+    headers: list[tuple[str, str]], by: str, address: str
+) -> None:
+    bench = Bench(surface_of(), access=ACCESS, proxies=["10.0.0.5"])
+    assert ask(bench, "10.0.0.5", headers).status_code == 200
+    bench.pass_second()
+    (entry,) = audit(bench, "?action=token&limit=1")["entries"]
+    assert (entry["by"], entry["address"]) == (by, address)
+
+
+def test_a_token_that_only_reads_is_on_no_trail() -> None:
+    bench = make_bench()
+    for _ in range(2):
+        assert said(bench) == []
+        bench.pass_second()
 
 
 def test_another_record_gets_each_state_once() -> None:
