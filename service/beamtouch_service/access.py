@@ -59,7 +59,7 @@ class Access:
     def sufficient(self, role: Role) -> list[Role]:
         """Return the kinds of tokens with which a request for `role` passes, the least first."""
         least = Role.WRITE if role is Role.ADMIN and not self.admin else role
-        return [one for one in Role if one is not Role.OPEN and one.includes(least)]
+        return [one for one in Role if one.includes(least)]
 
     def require(self, role: Role, authorization: bytes | None) -> str:
         """Let a request pass whose `Authorization` header has a token for `role`; return its name, or "" without need.

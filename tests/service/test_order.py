@@ -37,6 +37,13 @@ def test_numbers_between_the_first_and_the_last_are_missing() -> None:
     assert found == [0, 3, 2, 1, 3, 2]
 
 
+def test_numbers_that_come_backwards_are_one_run_and_use_up_no_gap() -> None:
+    runs = Runs()
+    assert all(runs.add(number) for number in (1, *range(MAX_RUNS + 4, 2, -1)))
+    assert runs.missing == 1
+    assert runs.add(2)
+
+
 def test_of_too_many_gaps_the_oldest_is_lost_for_good() -> None:
     runs = Runs()
     assert MAX_RUNS == 1000

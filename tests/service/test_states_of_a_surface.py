@@ -145,6 +145,8 @@ def test_a_batch_says_which_channels_are_offered_unless_it_is_a_backlog() -> Non
     assert (surface.offered, ages_s) == (["s1", "s2", "s3"], [0.25])
     surface.receive(parsed(sequence=2, age_ms=50.0), NOW_S)
     assert ages_s == [0.25]  # it was there
+    surface.receive(parsed(sequence=3, age_ms=0.0), NOW_S + 1)
+    assert ages_s == [0.25, 0.0]
 
 
 def test_samples_that_moved_the_answer_need_not_be_weighed_again_under_the_same_model() -> None:

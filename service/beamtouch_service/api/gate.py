@@ -69,10 +69,7 @@ class Gate:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
+        """Answer one request. The server passes on nothing else (`configure` in `host/serve.py`)."""
         started = False
 
         async def guarded(message: Message) -> None:
