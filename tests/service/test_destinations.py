@@ -175,7 +175,8 @@ def test_of_a_health_only_what_changes_is_written_and_a_race_is_seen(transaction
         _, lost = transactions.commit([Change("press-7", list[BootChange](), [], writing.health)])
         return lost
 
-    first, second = stored(1, a0=[0], a1=[1], a2=[2]), stored(2, a0=[0], a2=[5], a3=[3])
+    first = stored(1, a0=[0], a1=[1], a2=[2], a9=[9])
+    second = stored(2, a0=[0], a2=[5], a3=[3], a9=[9])
     assert write(StoredHealth(), None) == set()
     assert transactions.healths() == {}
     assert write(StoredHealth(), first) == set()
