@@ -2,18 +2,22 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
+from uuid import uuid4
 
 import httpx2
 import pytest
 import tomli_w
 
 from line import Surface
+from support.network.free_ports import free_port
 from support.network.plain_http import TIMEOUT_S
 from support.programs.contained_line import CONTAINED, USER, Contained, podman_in
 from support.programs.service_manager import Manager
@@ -26,9 +30,11 @@ pytestmark = [pytest.mark.soak, pytest.mark.timeout(600)]
 
 ROOT = Path(__file__).parents[2]
 BUILT = ROOT / "build" / "images"
+MakeLine = Callable[[Mapping[str, Any], Mapping[str, Sequence[str]]], Contained]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 MAX_MB = {"beamtouch-daemon": 60, "beamtouch-service": 120}
 """Largest size of an image as it is sent."""
+NOT_IN_IT = ["/bin/sh", "/usr/bin/dpkg", "/usr/bin/design-sensors", "/usr/bin/beamtouch-rig"]
 IMAGES = {program: f"localhost/{program}:{VERSION}" for program in MAX_MB}
 
 
@@ -58,43 +64,83 @@ def podman() -> Iterator[list[str]]:
 
 
 @pytest.fixture
-def line(tmp_path: Path, bench_model: Path, podman: list[str]) -> Iterator[Contained]:
-    """A line with a load at 150 mm that stays."""
+def make_line(tmp_path: Path, bench_model: Path, podman: list[str]) -> MakeLine:
+    """A function that makes a line with a load at 150 mm that stays.
+
+    It takes further sections of the configuration of the service, and options of the containers by program.
+    """
     (tmp_path / "script.toml").write_text("[[step]]\nseconds = 600\nposition_mm = 150.0\nforce_n = 10.0\n")
     model = tmp_path / "bench.onnx"
     model.write_bytes(bench_model.read_bytes())
     surface = Surface("bench", "modbus-tcp", tmp_path / "script.toml", ("--no-ringing",))
-    record = {"events": {"file": "/var/lib/beamtouch/events.db"}}
-    contained = Contained(
-        tmp_path, SCENES / "bench.toml", model, bench_model.with_suffix(".toml"), [surface], sections=record
-    )
-    contained.podman, contained.images = podman, IMAGES
     os.chown(tmp_path, USER, USER)
-    with contained:
-        yield contained
+
+    def make(sections: Mapping[str, Any], options: Mapping[str, Sequence[str]]) -> Contained:
+        sections = {"events": {"file": "/var/lib/beamtouch/events.db"}, **sections}
+        daemon_config = bench_model.with_suffix(".toml")
+        line = Contained(tmp_path, SCENES / "bench.toml", model, daemon_config, [surface], sections)
+        line.podman, line.images, line.options = podman, IMAGES, options
+        return line
+
+    return make
 
 
-def test_a_line_in_containers_finds_a_contact_and_ends_as_asked(line: Contained) -> None:
-    def answer() -> dict[str, object]:
-        response = httpx2.get(f"{line.url}/surfaces/bench/contact", timeout=TIMEOUT_S)
-        return dict(response.json())
+def test_a_line_in_containers_finds_a_contact_and_ends_as_asked(make_line: MakeLine) -> None:
+    with make_line({}, {}) as line:
 
-    wait_until(lambda: answer().get("state") == "contact", pause_s=0.2)
-    assert answer()["position_mm"] == pytest.approx(150.0, abs=5.0)
-    assert line.end("daemon") == 0
-    assert line.end("service") == 0
+        def answer() -> dict[str, object]:
+            response = httpx2.get(f"{line.url}/surfaces/bench/contact", timeout=TIMEOUT_S)
+            return dict(response.json())
+
+        wait_until(lambda: answer().get("state") == "contact", pause_s=0.2)
+        assert answer()["position_mm"] == pytest.approx(150.0, abs=5.0)
+        # The record is in a volume that podman has just made.
+        events = f"{line.url}/events?kind=contact"
+        wait_until(lambda: bool(httpx2.get(events, timeout=TIMEOUT_S).json().get("events")), pause_s=0.2)
+        assert line.end("daemon") == 0
+        assert line.end("service") == 0
 
 
+PAGE = ROOT / "docs" / "how-to" / "containers.md"
+QUADLET = ROOT / "deploy" / "containers" / "beamtouch-service.container"
+
+
+@pytest.mark.promise("docs/how-to/containers.md", "that check fails as soon as samples stop")
+def test_the_health_check_fails_once_no_samples_come(make_line: MakeLine, podman: list[str], tmp_path: Path) -> None:
+    port, name = free_port(), f"beamtouch-{uuid4().hex}"
+    ready, live = (re.findall(r"^HealthCmd=(.*)$", path.read_text(), re.MULTILINE)[0] for path in (PAGE, QUADLET))
+
+    def ask(*command: str) -> int:
+        return subprocess.run([*podman, *command], capture_output=True, check=False, timeout=120).returncode
+
+    (tmp_path / "read-token").write_text("reading-horse-battery-staple")
+    server = {"port": port, "write_token_file": "token", "read_token_file": "read-token"}
+    # Without systemd, which runs the check every 30 s otherwise.
+    health = ["--health-cmd", ready.replace("8420", str(port)), "--health-interval", "disable"]
+    options = ["--name", name, "--volume", f"{tmp_path}/token:/run/secrets/token:ro", *health]
+    with make_line({"server": server}, {"beamtouch-service": options}) as line:
+        wait_until(lambda: ask("healthcheck", "run", name) == 0, pause_s=0.2)
+        assert line.end("daemon") == 0
+        wait_until(lambda: ask("healthcheck", "run", name) == 1, pause_s=0.2)
+        # The process still answers, as the check of the unit asks.
+        assert ask("exec", name, *json.loads(live.replace("8420", str(port)))) == 0
+        assert line.end("service") == 0
+
+
+@pytest.mark.promise("docs/how-to/containers.md", "no shell, no package manager, no root user")
 @pytest.mark.parametrize("program", MAX_MB)
 def test_an_image_is_small_and_has_neither_root_nor_shell(podman: list[str], program: str) -> None:
     assert newest(program).stat().st_size < MAX_MB[program] * 1e6
     (image,) = json.loads(run(*podman, "image", "inspect", f"localhost/{program}:{VERSION}"))
     assert image["Config"]["User"] == f"{USER}:20"
-    looks = "import os; print(os.getuid(), os.path.exists('/bin/sh'), os.path.exists('/usr/bin/dpkg'))"
+    looks = "import os; print(os.getuid(), *[os.path.exists(one) for one in " + str(NOT_IN_IT) + "])"
     python = ["--entrypoint", "/usr/bin/python3", f"localhost/{program}:{VERSION}"]
-    assert run(*podman, *CONTAINED, *python, "-c", looks) == f"{USER} False False\n"
+    assert run(*podman, *CONTAINED, *python, "-c", looks) == f"{USER} False False False False\n"
     writes = "import sys\ntry: open('/opt/beamtouch/x', 'w')\nexcept OSError as error: print(error.strerror)"
     assert run(*podman, *CONTAINED, *python, "-c", writes) == "Read-only file system\n"
+    keeps = "import os; open('/var/lib/beamtouch/x', 'w').close(); print(oct(os.stat('/var/lib/beamtouch').st_mode))"
+    volume = ["--volume", f"{uuid4().hex}:/var/lib/beamtouch"]
+    assert run(*podman, *CONTAINED, *volume, *python, "-c", keeps) == "0o40700\n"
 
 
 def test_an_image_without_a_configuration_says_so_in_a_line(podman: list[str]) -> None:

@@ -1,5 +1,7 @@
 """A line whose daemon and service run in containers with read-only roots."""
 
+from collections.abc import Mapping, Sequence
+
 from line import Line
 
 USER = 10001
@@ -26,12 +28,15 @@ class Contained(Line):
     """Program -> its image."""
     emulator = ""
     """Of another processor, for all that the containers run."""
+    options: Mapping[str, Sequence[str]] = {}
+    """Program -> further options of its container."""
 
     def _find_program(self, command: list[str]) -> list[str]:
         program, *words = command
         if program not in self.images:
             return super()._find_program(command)
         options = ["--volume", f"{self.folder}:{self.folder}", "--env", "PYTHONUNBUFFERED=1"]
+        options += self.options.get(program, ())
         if self.emulator:
             options += ["--volume", f"{self.emulator}:/emulator:ro", "--entrypoint", "/emulator"]
             # The first line of a program names its interpreter, which only the kernel would read.
