@@ -125,6 +125,14 @@ export const PAGE = {
   "{} reads {} too little at rest since {}.": "{1} zeigt in Ruhe seit {3} {2} zu wenig.",
   "{} reads {} too much at rest since {}.": "{1} zeigt in Ruhe seit {3} {2} zu viel.",
 
+  "The candidate for the model is not compared: {}.": "Der Kandidat für das Modell wird nicht verglichen: {}.",
+  "Candidate {} for the model: another state in {} of {} samples.":
+    "Kandidat {} für das Modell: anderer Zustand bei {} von {} Messwerten.",
+  "Contacts differ by {}.": "Kontakte weichen um {} ab.",
+  "It is worse.": "Er ist schlechter.",
+  "Nothing speaks against it.": "Nichts spricht gegen ihn.",
+  "These are too few to judge it.": "Das ist zu wenig für ein Urteil.",
+
   // the token
   "This token is not accepted": "Dieses Token wird nicht angenommen",
   "The token kept here is not accepted any more": "Das hier gespeicherte Token wird nicht mehr angenommen",

@@ -2,6 +2,7 @@
 
 import { Alarms } from "./alarms.js";
 import { BeamView } from "./beam.js";
+import { Candidate } from "./candidate.js";
 import { Commissioning } from "./commissioning.js";
 import { byId, html, setText, sign } from "./dom.js";
 import { Drawing } from "./drawing.js";
@@ -34,6 +35,7 @@ const token = new Token();
 const events = new Events(token);
 const health = new Health(token);
 const alarms = new Alarms(token);
+const candidate = new Candidate(token);
 const commissioning = new Commissioning(token);
 const captioned = [byId("beam"), (text) => setText(byId("beam-words"), text)];
 const [beamView, plateView] = [new BeamView(...captioned), new PlateView(...captioned)];
@@ -69,6 +71,7 @@ function surfacesKnown() {
   byId("contact-link").href = feed.chosen ? `contact?surface=${encodeURIComponent(feed.chosen)}` : "contact";
   events.follow(feed.surface?.name);
   health.follow(feed.surface?.name);
+  candidate.follow(feed.surface?.name);
   alarms.follow(feed.isShared);
   commissioning.follow(feed.surface?.name ?? null);
 }
