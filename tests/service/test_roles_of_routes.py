@@ -13,6 +13,7 @@ FILES = (
         "answer",
         "beam",
         "beam_parts",
+        "candidate",
         "commissioning",
         "curves",
         "dom",
@@ -21,9 +22,11 @@ FILES = (
         "feed",
         "fields",
         "figures",
+        "german",
         "health",
     ),
-    *("notes", "page", "places", "plate", "sse", "state", "strip", "tables", "times", "token", "token_form", "zones"),
+    *("notes", "page", "places", "plate", "qualities", "say", "settings", "sse", "state", "static_words", "strip"),
+    *("tables", "times", "token", "token_form", "zones"),
 )
 NEEDS = {
     "GET /": "nothing",
