@@ -25,11 +25,13 @@ def back_up(config: Path, settings: Settings, target: Path, *, program: str, wit
         A file or the record cannot be read, or the archive cannot be written.
     """
     record = settings.events.file
-    named = dict(_files_in(settings.model_dump(exclude={"events"})))
-    named |= {path: "model" for section in settings.surfaces.values() for path in staged_beside(section.model)}
-    secrets = {path for path, key in named.items() if key.endswith(_SECRETS)}
-    left_out = set() if with_secrets else secrets
-    parts = [Part(config), *(Part(path, is_secret=path in secrets) for path in named if path not in left_out)]
+    named = list(_files_in(settings.model_dump(exclude={"events"})))
+    named += [(path, "model") for section in settings.surfaces.values() for path in staged_beside(section.model)]
+    # Of a file that several keys name, one is enough: a PEM file may be a certificate with its key, and trusted, too.
+    secrets = {path.resolve() for path, key in named if key.endswith(_SECRETS)}
+    left_out = set() if with_secrets else {path for path, _ in named if path.resolve() in secrets}
+    kept = [path for path, _ in named if path not in left_out]
+    parts = [Part(config), *(Part(path, is_secret=path.resolve() in secrets) for path in kept)]
     try:
         with TemporaryDirectory(prefix=".backup-", dir=target.parent) as folder:
             if record is not None:

@@ -122,6 +122,20 @@ def test_a_folder_without_certificates_yet_is_in_the_backup(
     assert (tmp_path / "new" / "clients").is_dir()
 
 
+@pytest.mark.parametrize("named", ["both.pem", "link.pem"])
+def test_a_file_with_a_key_is_a_secret_whatever_else_it_is(command: Command, tmp_path: Path, named: str) -> None:
+    config, archive = tmp_path / "service.toml", tmp_path / "a.tar.gz"
+    config.write_text(
+        '[server]\ncertificate_file = "both.pem"\nkey_file = "both.pem"\n'
+        f'[mqtt]\nhost = "127.0.0.1"\ntls = true\nca_file = "{named}"\n'
+    )
+    (tmp_path / "both.pem").write_text("a certificate and its key\n")
+    (tmp_path / "link.pem").symlink_to("both.pem")
+    code, said, errors = done(command("backup", "--config", config, "-o", archive))
+    left_out = [f"left out: {tmp_path}/{name} (--with-secrets)" for name in sorted({"both.pem", named})]
+    assert (code, errors, said.splitlines()) == (0, "", ["folder/service.toml", *left_out])
+
+
 def test_a_damaged_or_a_missing_record_is_no_backup(command: Command, build_model: BuildModel, tmp_path: Path) -> None:
     build_model()
     (tmp_path / "token").write_text(TOKEN)
