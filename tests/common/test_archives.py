@@ -75,9 +75,13 @@ def test_a_record_is_not_restored_beside_what_sqlite_kept_of_another_one(plant: 
     assert found(new) == {f"service.toml{end}": b"old"}
 
 
-def test_a_file_that_is_named_twice_is_written_once_and_comes_back(plant: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_secret_first", [True, False])
+def test_a_file_that_is_named_twice_is_written_once_and_a_secret_stays_one(
+    plant: Path, tmp_path: Path, *, is_secret_first: bool
+) -> None:
     config, token, archive = plant / "service.toml", plant / "models" / ".." / "token", tmp_path / "a.tar.gz"
-    parts = [Part(config), Part(plant / "token", is_secret=True), Part(token), Part(config)]
+    tokens = [Part(plant / "token", is_secret=True), Part(token)]
+    parts = [Part(config), *(tokens if is_secret_first else reversed(tokens)), Part(config)]
     assert write_archive(archive, "test", config, parts) == ["folder/service.toml", "folder/token"]
     restore_archive(archive, tmp_path / "new", None)
     assert sorted(found(tmp_path / "new")) == ["service.toml", "token"]

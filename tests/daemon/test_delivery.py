@@ -281,6 +281,18 @@ async def test_what_is_refused_for_now_waits(tmp_path: Path, status: int, kind: 
     assert bench.logs.counts.dropped == bench.logs.refused == 0
 
 
+async def test_a_sample_that_only_a_proxy_refuses_waits(tmp_path: Path) -> None:
+    """The question how far the record is, without samples, is small enough for it."""
+    async with serving(Service()) as service, stored(tmp_path / "samples") as store, Bench(service, store) as bench:
+        service.problem_of = lambda batch, _: (413, PROXY) if batch.samples else None
+        bench.count(3)
+        await until(lambda: bool(bench.logs.refused or bench.logs.counts.dropped))
+        service.problem_of = lambda *_: None
+        await until(lambda: bench.log.is_empty)
+    assert service.record.numbers() == {"boot-0001": [1, 2, 3]}
+    assert bench.logs.counts.dropped == 0
+
+
 @pytest.mark.promise(
     "docs/explanation/readings-to-samples.md",
     "A single sample that the service refuses is dropped and named in the messages.",

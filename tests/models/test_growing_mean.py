@@ -187,6 +187,18 @@ def test_a_gap_forgets_nothing_that_is_still_true() -> None:
     assert filtered.readings[149:151] == pytest.approx([150, 151])
 
 
+@pytest.mark.parametrize(
+    "mean", [Mean("growing-mean", longest=LONGEST), Mean("moving-average", 4), Mean(spike_mm=SPIKE)]
+)
+def test_after_a_gap_of_any_length_the_filter_is_as_after_one_that_it_does_not_look_back_over(mean: Mean) -> None:
+    values = noise(40, 30)
+    long, longer = (
+        Chain(mean, CHANNELS, 1.0, PERIOD).apply(values, [0] * 20 + [lost] + [0] * 19) for lost in (10_000, 10**15)
+    )
+    np.testing.assert_array_equal(longer.mean_mm, long.mean_mm)
+    np.testing.assert_array_equal(longer.readings, long.readings)
+
+
 @pytest.mark.parametrize("lost", [0, 3])
 @pytest.mark.parametrize("spike_at", [None, 419])
 def test_a_mean_of_readings_at_rest_is_the_last_of_all_and_a_touch_after_them_is_seen_alike(
