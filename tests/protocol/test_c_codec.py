@@ -141,6 +141,17 @@ def test_a_device_accepts_all_messages_to_it_and_drops_longer_ones(tmp_path_fact
     assert rejected == dict.fromkeys(Rejection, 0) | {Rejection.OVERLONG: len(longer)}
 
 
+def test_a_reading_of_more_channels_than_the_codec_was_built_for_is_refused(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """There is no room for its counts, though there is for its frame."""
+    few = filter_with(tmp_path_factory, "few-channels", "-DBEAMTOUCH_MAX_CHANNELS=4", "-DBEAMTOUCH_MAX_FRAME_BYTES=78")
+    sent = [Reading(number, 0, 1, (1,) * channels) for number, channels in enumerate((4, 5, 32, 4))]
+    found, _, rejected = decoded(few, b"".join(map(encode, sent)))
+    assert found == [sent[0], sent[3]]
+    assert rejected == dict.fromkeys(Rejection, 0) | {Rejection.LENGTH: 2}
+
+
 @pytest.mark.parametrize("defines", [(), DEVICE])
 def test_the_codec_with_all_messages_takes_less_than_2_kb_of_flash(tmp_path: Path, defines: tuple[str, ...]) -> None:
     need("avr-gcc", "avr-size")

@@ -43,7 +43,50 @@ for line in sys.stdin:
         print(",".join(found))
 """
 """Each line is for the codec: a body to encode, or a stream to decode with a decoder of its own."""
+DROP_OUT = """
+import machine, board
+class Bus(machine.I2C):
+    begun = 0
+    def writeto_mem(self, address, register, data):
+        self.begun += address == 0x49
+        if address == 0x49 and self.begun == 6:
+            raise OSError(19)
+        super().writeto_mem(address, register, data)
+chips = board.Ads1115Chips(Bus(0, scl=None, sda=None, freq=0), (0x48, 0x49))
+for _ in range(2):
+    print(*chips.convert(2))
+"""
+"""The second of two chips does not answer to the sixth conversion, in the second round of a reading of two."""
+TICKS = """
+import board
+class Ticks:
+    now = (1 << 30) - 5_000_000
+    def ticks_us(self):
+        return self.now % (1 << 30)
+    def ticks_diff(self, later, earlier):
+        return (later - earlier + (1 << 29)) % (1 << 30) - (1 << 29)
+board.time = ticks = Ticks()
+clock = board.Clock()
+for _ in range(12):
+    ticks.now += 400_000_000
+    print(clock.us())
+"""
+"""The ticks of a board that wrap after 18 minutes; those of this machine never do."""
 WITHIN_S = 60.0
+
+
+def run_board(code: str, **names: str) -> list[str]:
+    """Return the lines that a program prints which uses the board's, with these names in the environment."""
+    done = subprocess.run(
+        [micropython(), "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env=os.environ | {"MICROPYPATH": f"{BOARDS}:{PARTS}"} | names,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
 
 
 def ask_codec(lines: Sequence[str]) -> list[str]:
@@ -216,3 +259,13 @@ def test_the_interrupt_of_mpremote_ends_the_program_even_in_a_stream(tmp_path: P
         line.hear(lambda: bool(line.readings))
         line.send(b"\0\r\x03")
         assert board.process.wait(WITHIN_S) == 0
+
+
+def test_of_a_chip_that_drops_out_in_the_middle_of_a_reading_no_part_is_left(tmp_path: Path) -> None:
+    (tmp_path / "volts").write_text(" ".join(["1.024"] * 8))
+    lines = run_board(DROP_OUT, VOLTAGES=str(tmp_path / "volts"))
+    assert lines == [" ".join(["16384"] * 4 + ["0"] * 4), " ".join(["16384"] * 8)]
+
+
+def test_the_clock_goes_on_where_the_ticks_of_a_board_wrap() -> None:
+    assert run_board(TICKS) == [str(400_000_000 * number) for number in range(1, 13)]
