@@ -18,10 +18,9 @@ from beamtouch_models.design.sweeps import silent
 from beamtouch_models.lab.rig.surface import Imperfections
 from beamtouch_models.runtime import ModelFile
 from beamtouch_service import cli
-from line import Surface
+from line import Line, Surface
 from support.network.plain_http import NO_TLS, TIMEOUT_S
 from support.programs.forked_line import ForkedLine
-from support.programs.in_process import Command, command_of
 from support.running.waiting import wait_until
 from support.surfaces.example_scenes import ROUGH, SCENES
 from support.surfaces.real_surfaces import recorded
@@ -78,9 +77,8 @@ class Controller:
 class Rollout:
     """The line, and the commands on its model files."""
 
-    def __init__(self, line: ForkedLine, command: Command) -> None:
+    def __init__(self, line: Line) -> None:
         self.line, self.model = line, line.folder / "bench.onnx"
-        self._command = command
 
     def get(self, path: str) -> dict[str, Any]:
         found: dict[str, Any] = httpx2.get(self.line.url + path, verify=NO_TLS, timeout=TIMEOUT_S).json()
@@ -113,9 +111,7 @@ class Rollout:
         wait_until(lambda: complaint in str(self.candidate["error"]), PATIENT_S)
 
     def run(self, word: str, *options: str) -> int:
-        outcome = self._command(word, "--config", self.line.folder / "service.toml", "bench", *options)
-        assert isinstance(outcome.returncode, int), outcome
-        return outcome.returncode
+        return cli.main([word, "--config", str(self.line.folder / "service.toml"), "bench", *options])
 
 
 def calibrated(bench: ModelFile, real: Imperfections) -> bytes:
@@ -128,7 +124,6 @@ def test_a_wrong_a_worse_and_a_better_model_on_a_line_that_is_touched(
     bench: ModelFile,
     bench_model: Path,
     built_model: Callable[[str], Path],
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     better, worse = calibrated(bench, REAL), calibrated(bench, BENT)
     (tmp_path / "bench.onnx").write_bytes(bench_model.read_bytes())
@@ -143,7 +138,7 @@ def test_a_wrong_a_worse_and_a_better_model_on_a_line_that_is_touched(
     sections = {"surfaces": {"bench": {"model": "bench.onnx", "stale_ms": STALE_MS}}}
     config = bench_model.with_suffix(".toml")
     with ForkedLine(tmp_path, SCENES / "bench.toml", tmp_path / "bench.onnx", config, [surface], sections) as line:
-        rollout, controller = Rollout(line, command_of(cli.main, capsys)), Controller(line.url)
+        rollout, controller = Rollout(line), Controller(line.url)
         line.wait_for_still_contact()
         old = line.contact()["model"]
         with controller.asking():
