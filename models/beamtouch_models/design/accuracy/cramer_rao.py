@@ -37,12 +37,15 @@ def cramer_rao_deviation_mm(prior: Prior, place_mm: Floats, force_n: Floats) -> 
     along = np.einsum("nca,nc->na", change, shape)
     along = np.divide(along, size, out=np.zeros_like(along), where=size > 0)
     change = change - shape[..., None] * along[:, None]
-    # The information on one axis is the part of its change that the others do not explain (Schur complement of J'J).
+    # The information on one axis is the part of its change that the other does not explain (Schur complement of J'J).
     bound = np.empty(place_mm.shape)
     for axis in range(prior.extent.axes):
-        own, others = change[..., axis], np.delete(change, axis, axis=2)
-        if others.shape[2]:
-            own = own - (others @ np.linalg.pinv(others) @ own[..., None])[..., 0]
+        own = change[..., axis]
+        if prior.extent.axes > 1:
+            other = change[..., 1 - axis]
+            square = (other**2).sum(axis=1)
+            share = np.divide((own * other).sum(axis=1), square, out=np.zeros(len(own)), where=square > 0)
+            own = own - other * share[:, None]
         with np.errstate(divide="ignore"):
             bound[:, axis] = 1 / (force_n * np.linalg.norm(own, axis=1))
     return bound

@@ -42,13 +42,13 @@ GRID, ACROSS, CANDIDATES = 40, 8, 2000
 """Steps of the grid of sensors along the longer side, and at least along the shorter one if that does not make more
 than so many places, unless the scene states a grid."""
 MAX_SENSOR_PLACES = 10_000
-KEPT = 2
-"""Sets of sensors whose influence is kept: a placement asks for that of all candidates under ever other loads. A set of
-the usual CANDIDATES takes 50 MB; larger ones are not kept."""
+KEPT = 16_000_000
+"""Largest number of unknowns that are kept of a plate's deflections: 128 MB. `explain` asks for those under all loads
+four times, a placement for those of all candidates under ever other loads, a fit for few with ever other springs."""
 FEWER = 8
 """Sensors over loads from which on the influence comes from the loads by reciprocity."""
-FEW, MANY = 16, 32
-"""Largest number of loads whose deflections are kept, and how often; it bounds their memory."""
+AT_ONCE = 16
+"""Loads that are solved for at once: their unknowns stay in the processor's cache, which takes 0.6 of the time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +62,8 @@ class FreePlate:
     factors: SuperLU
     rigid: Floats
     """(unknowns, 3) motions of a rigid body: 1, x, y."""
-    few: dict[tuple[bytes, bytes], Floats]
-    """Deflections under few loads that were asked for lately: a fit asks again, with other springs."""
+    kept: dict[tuple[bytes, bytes], Floats]
+    """Deflections under loads that were asked for lately, the latest last."""
 
     def row(self, place: Floats, order: tuple[int, int] = (0, 0)) -> sp.csr_matrix:
         """Return the weights (places, unknowns) of the unknowns in a derivative at places (places, 2)."""
@@ -83,14 +83,19 @@ class FreePlate:
     def deflections(self, loads: sp.csr_matrix) -> Floats:
         """Return the unknowns (unknowns, loads) of the plate held at three corners under loads (loads, unknowns)."""
         asked = loads.indices.tobytes(), loads.data.tobytes()
-        if (known := self.few.get(asked)) is not None:
-            return known
-        deflections = np.zeros((loads.shape[1], loads.shape[0]))
-        deflections[self.free] = self.factors.solve(loads[:, self.free].T.toarray())
-        if loads.shape[0] <= FEW:
-            if len(self.few) >= MANY:
-                self.few.clear()
-            self.few[asked] = deflections
+        if (deflections := self.kept.pop(asked, None)) is None:
+            deflections = self._solve(loads)
+        if deflections.size <= KEPT:
+            self.kept[asked] = deflections
+        while sum(known.size for known in self.kept.values()) > KEPT:
+            del self.kept[next(iter(self.kept))]
+        return deflections
+
+    def _solve(self, loads: sp.csr_matrix) -> Floats:
+        deflections, forces = np.zeros((loads.shape[1], loads.shape[0])), loads[:, self.free]
+        for first in range(0, loads.shape[0], AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            deflections[self.free, some] = self.factors.solve(np.asfortranarray(forces[some].T.toarray()))
         return deflections
 
 
@@ -140,26 +145,25 @@ class SupportedPlate:
 
     def influence(self, sensor_mm: Floats, load_mm: Floats, width_mm: float = 0.0) -> Floats:
         """Return the deflection (loads, sensors) in mm/N; arguments as `influence`."""
-        loads = self._rows(load_mm, width_mm)
+        sensors, loads = self._rows(sensor_mm, 0.0), self._rows(load_mm, width_mm)
         if len(sensor_mm) > CANDIDATES or len(sensor_mm) > FEWER * len(load_mm):
-            matrix = (self._rows(sensor_mm, 0.0) @ self._fields(loads)).T
+            matrix = self._under(loads, sensors).T
         else:
-            matrix = loads @ _fields_of_sensors(self, sensor_mm.tobytes())
+            matrix = self._under(sensors, loads)
         result: Floats = self.unit_mm_per_n * matrix
         return result
 
     def slopes(self, at_mm: Floats, load_mm: Floats, width_mm: float = 0.0) -> Floats:
         """Return the slopes (loads, places, axes) at places (places, 2), in 1/N."""
-        fields = self._fields(self._rows(load_mm, width_mm))
+        loads = self._rows(load_mm, width_mm)
         rows = [self.body.row(at_mm / self.unit_mm, order) for order in ((1, 0), (0, 1))]
-        slopes: Floats = np.stack([(row @ fields).T for row in rows], axis=2)
+        slopes: Floats = np.stack([self._under(loads, row).T for row in rows], axis=2)
         return slopes * (self.unit_mm_per_n / self.unit_mm)
 
     def curvatures(self, at_mm: Floats, load_mm: Floats, width_mm: float = 0.0) -> Floats:
         """Return the sum of the curvatures along both axes (loads, places) at places (places, 2), in 1/(N mm)."""
-        fields = self._fields(self._rows(load_mm, width_mm))
         both = self.body.row(at_mm / self.unit_mm, (2, 0)) + self.body.row(at_mm / self.unit_mm, (0, 2))
-        curvatures: Floats = (both @ fields).T
+        curvatures: Floats = self._under(self._rows(load_mm, width_mm), both).T
         return curvatures * (self.unit_mm_per_n / self.unit_mm**2)
 
     def bends(self, at_mm: Floats, load_mm: Floats, width_mm: float = 0.0) -> Floats:
@@ -167,10 +171,9 @@ class SupportedPlate:
 
         Only this stretches the plate: that it sinks or tilts on its springs does not.
         """
-        loads = self._rows(load_mm, width_mm)
-        unknowns, forces = self._solve(loads)
+        rows, (held, forces, motion) = self._rows(at_mm, 0.0), self._solve(self._rows(load_mm, width_mm))
         plane = np.linalg.lstsq(self._motions(self.at_supports).T, self.flexibility[:, None] * forces, rcond=None)[0]
-        bent: Floats = (self._rows(at_mm, 0.0) @ (unknowns - self.body.rigid @ plane)).T
+        bent: Floats = self._seen(rows, held, forces, motion - plane).T
         return self.unit_mm_per_n * bent
 
     def bowed(self, at_mm: Floats) -> Floats:
@@ -197,22 +200,24 @@ class SupportedPlate:
         motions: Floats = (rows @ self.body.rigid).T
         return motions
 
-    def _fields(self, loads: sp.csr_matrix) -> Floats:
-        return self._solve(loads)[0]
+    def _under(self, loads: sp.csr_matrix, rows: sp.csr_matrix) -> Floats:
+        """Return what rows (rows, unknowns) of weights make of the unknowns under loads of 1, (rows, loads)."""
+        return self._seen(rows, *self._solve(loads))
 
-    def _solve(self, loads: sp.csr_matrix) -> tuple[Floats, Floats]:
-        """Return the unknowns (unknowns, loads), and the forces of the supports (points, loads), under loads of 1."""
+    def _seen(self, rows: sp.csr_matrix, held: Floats, forces: Floats, motion: Floats) -> Floats:
+        # Weighed before they are added: there are fewer rows than unknowns.
+        seen: Floats = rows @ held - rows @ self.pushed @ forces + rows @ self.body.rigid @ motion
+        return seen
+
+    def _solve(self, loads: sp.csr_matrix) -> tuple[Floats, Floats, Floats]:
+        """Return the unknowns (unknowns, loads) of the plate held at three corners, under loads of 1.
+
+        With them, the forces (points, loads) of its supports and the motion (3, loads) of the rigid body.
+        """
         held = self.body.deflections(loads)
         known = np.concatenate([self.at_supports @ held, self._motions(loads)])
         solved = lu_solve(self.system, known, check_finite=False)
-        forces, motion = solved[:-3], solved[-3:]
-        return held - self.pushed @ forces + self.body.rigid @ motion, forces
-
-
-@lru_cache(maxsize=KEPT)
-def _fields_of_sensors(plate: SupportedPlate, sensor_mm: bytes) -> Floats:
-    """Return the unknowns (unknowns, sensors) of a plate under 1 at each sensor, whose places are float64."""
-    return plate._fields(plate._rows(np.frombuffer(sensor_mm).reshape(-1, 2), 0.0))
+        return held, solved[:-3], solved[-3:]
 
 
 @lru_cache(maxsize=4)
