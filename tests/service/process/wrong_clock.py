@@ -25,6 +25,8 @@ class WrongClock:
             # Both names, as it was renamed: ages and waits keep to the true clocks, as on a machine whose clock is set.
             "FAKETIME_DONT_FAKE_MONOTONIC": "1",
             "DONT_FAKE_MONOTONIC": "1",
+            # Otherwise it takes waits by the true clock for waits by the wrong one, and threads ask all the time.
+            "FAKETIME_FORCE_MONOTONIC_FIX": "0",
         }
 
     def set(self, offset: str) -> None:
