@@ -5,6 +5,7 @@ import os
 import secrets
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -103,7 +104,9 @@ def file_path(path: Path) -> Path:
     return path
 
 
-def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> None:
+def write_atomically(
+    path: Path, content: bytes, *, mode: int | None = None, owner: tuple[int, int] | None = None
+) -> None:
     """Replace a file in one step, so that no reader ever sees a part of it; OSError if that is impossible.
 
     A device or a pipe, such as /dev/null, is written to and stays what it is. So does a link: the file that it leads to
@@ -113,22 +116,26 @@ def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> 
     ----------
     path, content : The file, and all of its content.
     mode : Its permissions; by default the umask decides.
+    owner : Its user and group, if this user may give it to them; by default those of this user.
     """
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
             path.write_bytes(content)
         else:
-            _replace(path.resolve() if path.is_symlink() else path, content, mode)
+            _replace(path.resolve() if path.is_symlink() else path, content, mode, owner)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error  # the file that the user named
 
 
-def _replace(path: Path, content: bytes, mode: int | None) -> None:
+def _replace(path: Path, content: bytes, mode: int | None, owner: tuple[int, int] | None) -> None:
     """Write a file beside it, and put that in its place."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else mode)
         with os.fdopen(descriptor, "wb") as file:
+            if owner is not None:
+                with suppress(PermissionError):
+                    os.fchown(descriptor, *owner)
             if mode is not None:
                 os.fchmod(descriptor, mode)  # whatever the umask
             file.write(content)

@@ -89,6 +89,29 @@ def test_the_files_keep_the_permissions_of_the_model(files: Files) -> None:
     assert {one.stat().st_mode & 0o777 for one in (files.model, files.previous)} == {0o644}
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give a file to another user")
+def test_the_files_belong_to_whom_the_model_belongs(files: Files) -> None:
+    """`take` is typed by root, and a model may be readable by the group of the service only."""
+    files.model.chmod(0o640)
+    os.chown(files.model, 0, 4711)
+    files.candidate.write_bytes(NEW)
+    files.take()
+    files.take_back()
+    for path in (files.model, files.candidate):
+        status = path.stat()
+        assert (status.st_gid, status.st_mode & 0o777) == (4711, 0o640)
+
+
+def test_a_user_who_may_give_nothing_away_takes_all_the_same(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "fchown", refuse)
+    files.candidate.write_bytes(NEW)
+    assert files.take()[0] == 0
+    assert files.contents == {"model": NEW, "previous": OLD}
+
+
 def test_a_link_stays_a_link(files: Files) -> None:
     files.model.rename(files.folder / "press-7-of-may.onnx.1")
     files.model.symlink_to("press-7-of-may.onnx.1")

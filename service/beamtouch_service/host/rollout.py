@@ -202,8 +202,9 @@ def _writing(folder: Path) -> Iterator[None]:
 
 
 def _write(path: Path, content: bytes, like: Path) -> None:
-    """Replace a file in one step, with the permissions of another one; on the disk before anything follows."""
-    write_atomically(path, content, mode=like.stat().st_mode & 0o777)
+    """Replace a file in one step, with owner and permissions of another; on the disk before anything follows."""
+    status = like.stat()
+    write_atomically(path, content, mode=status.st_mode & 0o777, owner=(status.st_uid, status.st_gid))
     sync_folder(path.parent)
 
 
