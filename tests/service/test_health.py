@@ -4,11 +4,17 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from beamtouch_models import runtime
+from beamtouch_models.runtime import BestSample, Health
+from beamtouch_service.record.events.best import Best
+from beamtouch_service.record.events.health import HealthHistory, StoredHealth
 from service.record_days import Days
 from service.record_file import execute
 from service.touches import TouchedLine
+from support.surfaces.deflections import deflections_of
 
 BASELINE, CHANGED = 100, 14
 BEGIN = datetime(2026, 2, 1, 12, tzinfo=UTC)
@@ -78,11 +84,34 @@ def test_a_gain_that_falls_is_named_with_its_day_at_every_door_and_survives_a_ki
     "docs/how-to/spare-part.md",
     "`health` of the sensors begins anew, with the new tare and with the new model",
 )
-def test_another_characteristic_begins_anew(line: TouchedLine) -> None:
+def test_another_characteristic_begins_anew(line: TouchedLine, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "beamtouch_service.record")
     line.touch(30, BEGIN)
+    assert "starts over" not in caplog.text
     line.touches.characteristic = "tared-again"
     line.touch(4, DAY)
+    assert [text for text in caplog.messages if "starts over" in text] == [
+        "surface press-7: another characteristic or tare; the health of its sensors starts over"
+    ]
     assert {(one["contacts"], one["since"][:10]) for one in health(line).values()} == {(4, "2026-03-03")}
+
+
+def test_figures_are_those_of_the_history_in_percent_and_mm(bench_model: Path) -> None:
+    model = runtime.load(bench_model)
+    sums, history = Health(model.metadata), HealthHistory("press-7", model, StoredHealth())
+    for number, position_mm in enumerate((100.0, 180.0, 260.0), 1):
+        (deflection,) = deflections_of(model, np.array([position_mm]), np.array([3.0])).tolist()
+        deflection[1] *= 0.95
+        deviation, rest = [0.001] * len(deflection), [0.002] * len(deflection)
+        history.add([Best(number, True, 16, None, model.channels, deflection, deviation, rest, deviation)])
+        sums.add([BestSample(number, deflection, deviation, rest, deviation)])
+    for found, change in zip(history.state.channels.values(), sums.channels(), strict=True):
+        gain, zero = change.gain, change.zero
+        assert zero is not None
+        percent = found.gain_percent, found.gain_low_percent, found.gain_high_percent
+        assert percent == tuple(round(value * 100, 3) for value in (gain.value, gain.low, gain.high))
+        mm = found.zero_mm, found.zero_low_mm, found.zero_high_mm
+        assert mm == tuple(round(value, 6) for value in (zero.value, zero.low, zero.high))
 
 
 @pytest.mark.promise("docs/reference/sensor-health.md", "It is kept with the events, without the limit of `keep_days`.")
