@@ -48,14 +48,14 @@ def test_of_too_many_gaps_the_oldest_is_lost_for_good() -> None:
     runs = Runs()
     assert MAX_RUNS == 1000
     for number in range(MAX_RUNS):
-        runs.add(3 * number)
-    assert runs.missing == 2 * (MAX_RUNS - 1)
+        runs.add(7 * number)
+    assert runs.missing == 6 * (MAX_RUNS - 1)
     assert runs.add(1)  # it is known which are missing
-    runs.add(3 * MAX_RUNS)
-    assert runs.missing == 2 * MAX_RUNS - 1
+    runs.add(7 * MAX_RUNS)
+    assert runs.missing == 6 * MAX_RUNS - 1
     assert not runs.add(2)
-    assert runs.add(4)
-    assert runs.missing == 2 * MAX_RUNS - 2
+    assert runs.add(8)
+    assert runs.missing == 6 * MAX_RUNS - 2
 
 
 def test_what_a_sender_lost_counts_after_it_is_forgotten_too() -> None:
