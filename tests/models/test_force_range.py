@@ -28,6 +28,8 @@ def test_what_a_range_says_fades_from_an_exact_force_to_one_whose_largest_is_twi
     assert narrow.precision_per_n2 == pytest.approx(
         1 / np.random.default_rng(0).uniform(9.99, 10.01, 10**6).var(), rel=0.01
     )
+    assert narrow.relative_error == pytest.approx(0.01 / 3**0.5 / 10, rel=1e-4)
+    assert ForceRange(2.0, 20.0).relative_error == np.inf
 
 
 @pytest.mark.parametrize("force_n", RANGES)
