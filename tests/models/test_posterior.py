@@ -316,6 +316,14 @@ def test_nonsense_gets_a_sane_answer(
         check_sane(prior, answers_of(graph, prior, readings, valid))
 
 
+@pytest.mark.parametrize("noise_percent", [10.0, 0.1])
+def test_a_load_many_times_as_heavy_as_the_stated_force_gets_a_sane_answer(noise_percent: float) -> None:
+    """On cells that are the same for every sample, and in windows."""
+    prior = prior_of("bench", 3, noise_percent, known=True)
+    heavy_mm = np.outer([3.0, 10.0, 100.0], prior.force_n[1] * prior.influence_at(on_axis(np.array([240.0])))[0])
+    check_sane(prior, answers_of(graph_of(prior), prior, heavy_mm))
+
+
 def test_without_any_channel_the_answer_is_the_whole_range() -> None:
     prior = prior_of("bench", 3, 1.0, known=False)
     answers = answers_of(graph_of(prior), prior, np.zeros((1, 3)), np.zeros((1, 3), np.bool_))
