@@ -324,6 +324,14 @@ def test_a_load_many_times_as_heavy_as_the_stated_force_gets_a_sane_answer(noise
     check_sane(prior, answers_of(graph_of(prior), prior, heavy_mm))
 
 
+def test_the_interval_of_a_very_precise_sample_is_short_at_an_end_of_the_range_too() -> None:
+    prior = prior_of("bench", 3, 1e-3, known=True)
+    low, high = prior.extent.range_mm
+    places = on_axis(np.array([low, low + 1, high - 1, high]))
+    answers = answers_of(graph_of(prior), prior, prior.force_n[1] * prior.influence_at(places))
+    assert (answers["position_high_mm"] - answers["position_low_mm"]).max() < 0.02
+
+
 def test_without_any_channel_the_answer_is_the_whole_range() -> None:
     prior = prior_of("bench", 3, 1.0, known=False)
     answers = answers_of(graph_of(prior), prior, np.zeros((1, 3)), np.zeros((1, 3), np.bool_))
