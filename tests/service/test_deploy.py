@@ -1,5 +1,6 @@
 """The files of `deploy/`: alerts, and the configuration of a service that is one of several."""
 
+import json
 import re
 import subprocess
 import tomllib
@@ -8,6 +9,7 @@ from types import NoneType
 from typing import get_args
 
 import pytest
+import yaml  # type: ignore[import-untyped]  # it comes with mkdocs
 
 from beamtouch_service.config import load_settings
 from beamtouch_service.record import EventAnswer
@@ -48,6 +50,33 @@ def test_telegraf_reads_members_that_an_event_has() -> None:
     assert {*paths, parser["timestamp_path"]} <= set(members)
     optional = {one["path"] for one in parser["field"] if one.get("optional")}
     assert optional == {path for path in paths if NoneType in get_args(members[path].annotation)}
+
+
+@pytest.mark.promise("docs/how-to/containers.md", "does the same for `docker compose` and `podman-compose`")
+@pytest.mark.parametrize("name", ["daemon", "service"])
+def test_the_compose_file_starts_what_the_unit_of_podman_starts(name: str) -> None:
+    composed = yaml.safe_load((FOLDER / "containers" / "compose.yaml").read_text())["services"][name]
+    lines = (FOLDER / "containers" / f"beamtouch-{name}.container").read_text().splitlines()
+    unit = [line.partition("=")[::2] for line in lines if "=" in line and not line.startswith("#")]
+    stated = dict(unit)
+    assert stated["Image"] == composed["image"]
+    assert stated["Exec"].split() == composed["command"]
+    assert (stated["Network"], stated["ReadOnly"]) == (composed["network_mode"], str(composed["read_only"]).lower())
+    assert ([stated["DropCapability"].upper()], composed["security_opt"]) == (
+        composed["cap_drop"],
+        [f"no-new-privileges:{stated['NoNewPrivileges']}"],
+    )
+    volumes = [
+        value.removeprefix("beamtouch-").replace("/etc/beamtouch:", "./etc:", 1)
+        for key, value in unit
+        if key == "Volume"
+    ]
+    assert volumes == composed["volumes"]
+    assert stated["Secret"].endswith(f"target={composed['secrets'][0]}")
+    check = [*json.loads(stated.get("HealthCmd", "[]"))]
+    assert (["CMD", *check] if check else []) == composed.get("healthcheck", {}).get("test", [])
+    memory = stated.get("PodmanArgs", "").removeprefix("--memory=") or None
+    assert memory == composed.get("mem_limit")
 
 
 def test_the_record_of_several_services_keeps_a_contact_each_2_s_for_its_days() -> None:
