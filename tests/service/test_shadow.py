@@ -11,9 +11,10 @@ from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.comparison import ENOUGH_SAMPLES, ENOUGH_TOUCHED, ComparisonReport
 from beamtouch_service.surfaces.fields import encode
 from beamtouch_service.surfaces.shadow import SLOW_S, SLOW_SAMPLES, Shadow
+from beamtouch_service.surfaces.surface import Surface
 from service.bench import Row, parsed, surface_of
 from service.event_story import BETWEEN, ODD, RESTING, TOUCHING
-from support.surfaces.small_model import content_of, model_of
+from support.surfaces.small_model import ModelOptions, content_of, model_of
 
 NOW_S = 100.0
 DOUBTFUL: Row = [0.5, 0.25, 0.27]
@@ -25,8 +26,8 @@ LIMIT_MM = 1.2
 class Beside:
     """A surface with a candidate, and a sender of samples 5 ms apart."""
 
-    def __init__(self, candidate: ModelFile) -> None:
-        self.surface, self.sequence = surface_of(), 0
+    def __init__(self, candidate: ModelFile, surface: Surface | None = None) -> None:
+        self.surface, self.sequence = surface or surface_of(), 0
         self.shadow = self.surface.shadow = Shadow(candidate, "press-7", SurfaceSection())
 
     def send(self, *rows: Row) -> ComparisonReport:
@@ -121,6 +122,31 @@ def test_a_candidate_that_explains_less_is_worse_and_one_that_explains_more_is_n
     )
 
 
+PLAIN: ModelOptions = {"misfit_per_mm": 900.0, "noise_mm": 0.01}
+NOISY: ModelOptions = {"misfit_per_mm": 100.0, "noise_mm": 0.03}
+"""Three times the noise is a ninth of the misfit, of the same deflections."""
+
+
+@pytest.mark.promise("docs/how-to/rollout.md", "A smaller misfit counts for nothing if it comes from more noise alone")
+@pytest.mark.parametrize(("of_model", "of_candidate"), [(PLAIN, NOISY), (NOISY, PLAIN)])
+def test_a_model_that_takes_its_sensors_for_noisier_is_neither_worse_nor_better(
+    of_model: ModelOptions, of_candidate: ModelOptions
+) -> None:
+    beside = Beside(model_of("other", **of_candidate), surface_of(**of_model))
+    report = beside.send(*[RESTING] * 150, *[[0.5, 0.25, 0.253]] * 60)
+    assert report.model.mean_misfit == pytest.approx(0.003 * of_model["misfit_per_mm"], rel=1e-3)
+    assert report.candidate.mean_misfit == pytest.approx(0.003 * of_candidate["misfit_per_mm"], rel=1e-3)
+    assert report.is_worse is False
+    assert report.verdict.endswith("It explains the samples as well as the model.")
+
+
+def test_a_candidate_that_takes_noise_for_more_than_noise_is_worse() -> None:
+    """Of three channels, noise leaves less than 3."""
+    beside = Beside(model_of("other", **PLAIN), surface_of(**NOISY))
+    report = beside.send(*[RESTING] * 150, *[[0.5, 0.25, 0.254]] * 60)
+    assert report.verdict.endswith("It is worse: it explains contacts with a mean misfit of 3.6, the model with 0.4.")
+
+
 def test_a_candidate_that_sees_no_contact_at_all_is_worse() -> None:
     beside = Beside(model_of(misfit_per_mm=2000.0))
     report = beside.send(*[RESTING] * 151, *[DOUBTFUL] * 49)
@@ -132,9 +158,7 @@ def test_a_candidate_that_sees_no_contact_at_all_is_worse() -> None:
 
 def test_a_candidate_that_cannot_decide_is_worse() -> None:
     """Where the deflections add up to 2, its position is not a number. What cannot be decided is not compared."""
-    beside = Beside(model_of("spoiled"))
-    beside.surface = surface_of(spoiled="force_n", outputs=POSITION_OUTPUTS)
-    beside.surface.shadow = beside.shadow
+    beside = Beside(model_of("spoiled"), surface_of(spoiled="force_n", outputs=POSITION_OUTPUTS))
     beside.send(*[RESTING] * 150, *[TOUCHING] * 60)
     report = beside.send(*[[1.0, 1.0, 0.0]] * 5)
     assert (report.samples, report.model.undecided, report.candidate.undecided) == (210, 0, 5)

@@ -8,10 +8,11 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
 from pydantic import BaseModel
 
 from beamtouch_common.outline import Span, names_of
-from beamtouch_models.runtime import State
+from beamtouch_models.runtime import Evidence, State
 from beamtouch_service.surfaces.contact import Figures, rfc3339
 from beamtouch_service.surfaces.follower import Decision
 
@@ -135,6 +136,8 @@ class Comparison:
     undecided: tuple[int, int] = (0, 0)
     _contacts: int = 0
     _misfits: tuple[float, float] = (0.0, 0.0)
+    _left_mm2: tuple[float, float] = (0.0, 0.0)
+    _channels: int = 0
     _figures: dict[str, _Figure] = field(default_factory=dict)
 
     def add(self, answered: Decision, candidate: Decision, passed_s: float) -> None:
@@ -157,6 +160,9 @@ class Comparison:
             self._contacts += 1
             misfits = answered.evidence.misfit, candidate.evidence.misfit
             self._misfits = self._misfits[0] + misfits[0], self._misfits[1] + misfits[1]
+            left_mm2 = _left_mm2(answered.evidence), _left_mm2(candidate.evidence)
+            self._left_mm2 = self._left_mm2[0] + left_mm2[0], self._left_mm2[1] + left_mm2[1]
+            self._channels += answered.evidence.channels
             for name, one, other in _pairs(answered.figures, candidate.figures):
                 self._figures.setdefault(name, _Figure()).add(one, other)
 
@@ -173,7 +179,7 @@ class Comparison:
     def report(self) -> ComparisonReport:
         """Return all that is known so far."""
         explained = self._explained()
-        against, in_favour = _weigh(*explained, self.samples, self._contacts)
+        against, in_favour = _weigh(*explained, self.samples, are_misfits_plain=self._are_misfits_plain())
         touched = self.samples - self.states[State.CLEAR, State.CLEAR]
         is_enough = self.samples >= ENOUGH_SAMPLES and touched >= ENOUGH_TOUCHED
         return ComparisonReport(
@@ -198,6 +204,19 @@ class Comparison:
             each.append(Explained(unexplained=unexplained, undecided=self.undecided[place], mean_misfit=misfit))
         return each[0], each[1]
 
+    def _are_misfits_plain(self) -> bool:
+        """Return whether the model of the smaller misfit explains the contacts better.
+
+        One that takes its sensors for noisier has a smaller misfit, too. Then as much is left of the deflections, and
+        neither misfit is beyond what noise leaves, which is less than 1 for each channel.
+        """
+        if self._contacts < ENOUGH_TOUCHED or _are_alike(*self._misfits):
+            return False
+        more_is_left = self._left_mm2[1] > self._left_mm2[0]
+        if not _are_alike(*self._left_mm2) and more_is_left == (self._misfits[1] > self._misfits[0]):
+            return True
+        return max(self._misfits) > _MARGIN * self._channels
+
     def _describe(self) -> Iterator[str]:
         """Give sentences that judge nothing."""
         pairs = [f"{other} instead of {one}: {n}" for (one, other), n in self.states.most_common() if one is not other]
@@ -219,7 +238,14 @@ def _pairs(one: Figures, other: Figures) -> Iterator[tuple[str, Span, Span]]:
         yield names_of("force", "n")[0], one.force, other.force
 
 
-def _weigh(model: Explained, candidate: Explained, samples: int, contacts: int) -> tuple[list[str], list[str]]:
+def _left_mm2(evidence: Evidence) -> float:
+    """Return what the best contact leaves of the deflections: mean square [mm^2], by the weight of each channel."""
+    return evidence.misfit / float(np.square(evidence.whitening_per_mm).sum())
+
+
+def _weigh(
+    model: Explained, candidate: Explained, samples: int, *, are_misfits_plain: bool
+) -> tuple[list[str], list[str]]:
     """Return what speaks against the candidate, and what for it."""
     against, in_favour = list[str](), list[str]()
     of_all = samples + max(candidate.undecided, model.undecided)
@@ -231,7 +257,7 @@ def _weigh(model: Explained, candidate: Explained, samples: int, contacts: int) 
         if abs(its - the_models) > _FEW and not _are_alike(its, the_models):
             (against if its > the_models else in_favour).append(words.format(its, whole, the_models))
     one, other = model.mean_misfit, candidate.mean_misfit
-    if one is not None and other is not None and contacts >= ENOUGH_TOUCHED and not _are_alike(one, other):
+    if are_misfits_plain and one is not None and other is not None:
         words = f"explains contacts with a mean misfit of {other:g}, the model with {one:g}"
         (against if other > one else in_favour).append(words)
     return against, in_favour

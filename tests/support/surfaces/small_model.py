@@ -150,6 +150,7 @@ def _content(  # noqa: PLR0913, PLR0917  # its key in the cache
     spoiled: str,
     force_n_per_mm: float,
     misfit_per_mm: float,
+    noise_mm: float,
 ) -> bytes:
     model, is_plate = _graph(channels, outputs, spoiled, force_n_per_mm, misfit_per_mm), "y_mm" in outputs
     places = 25 if is_plate else 9
@@ -171,7 +172,7 @@ def _content(  # noqa: PLR0913, PLR0917  # its key in the cache
         min_channels=min_channels,
         ranges=Ranges(position_mm=(1, 399), across_mm=(1, 299) if is_plate else None, force_n=(1, 20)),
         max_deflection_mm=1,
-        noise=Noise(reading_mm=0.01, sample_mm=0.01),
+        noise=Noise(reading_mm=noise_mm, sample_mm=noise_mm),
         filter=FilterChoice(),
         sensor=Sensor(rate_hz=200, range_mm=(1, 4), standoff_mm=3, adc_bits=12, gain_mm_per_count=0.001, offset_mm=0),
         floor=Floor(gain=[0.003] * channels, zero_mm=[0.002] * channels),
@@ -230,6 +231,7 @@ class ModelOptions(TypedDict, total=False):
     spoiled: str
     force_n_per_mm: float
     misfit_per_mm: float
+    noise_mm: float
 
 
 def content_of(name: str = "press-7", **options: Unpack[ModelOptions]) -> bytes:
@@ -244,6 +246,7 @@ def content_of(name: str = "press-7", **options: Unpack[ModelOptions]) -> bytes:
         options.get("spoiled", "position_mm"),
         options.get("force_n_per_mm", 10.0),
         options.get("misfit_per_mm", 1000.0),
+        options.get("noise_mm", 0.01),
     )
 
 
