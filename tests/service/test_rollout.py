@@ -80,6 +80,40 @@ def test_a_candidate_that_came_meanwhile_stays_and_no_model_is_lost(files: Files
     assert files.contents == {"model": OLD, "candidate": NEWER, "previous": NEW}
 
 
+def test_a_candidate_that_comes_while_another_one_is_taken_stays(
+    files: Files, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files.candidate.write_bytes(NEW)
+    replace = Path.replace
+
+    def bring_another_first(self: Path, target: Path) -> Path:
+        files.candidate.write_bytes(NEWER)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", bring_another_first)
+    assert files.take()[0] == 0
+    assert files.contents == {"model": NEW, "candidate": NEWER, "previous": OLD}
+
+
+@pytest.mark.promise("docs/how-to/rollout.md", "A tool that copies the same candidate again after it was taken")
+def test_a_model_that_was_taken_back_is_not_put_back_by_the_same_command_again(files: Files) -> None:
+    """Who takes back on many gateways, and then on all of them again because one was off, takes back once."""
+    files.candidate.write_bytes(NEW)
+    files.take()
+    files.candidate.write_bytes(NEW)
+    assert files.take_back()[0] == 0
+    assert files.contents == {"model": OLD, "candidate": NEW}
+    assert files.take_back()[0] == 2
+    assert files.contents == {"model": OLD, "candidate": NEW}
+
+
+def test_a_candidate_that_cannot_be_read_keeps_nothing_from_being_taken_back(files: Files) -> None:
+    files.previous.write_bytes(NEW)
+    files.candidate.mkdir()
+    assert files.take_back()[0] == 0
+    assert (files.model.read_bytes(), files.previous.read_bytes()) == (NEW, OLD)
+
+
 def test_the_files_keep_the_permissions_of_the_model(files: Files) -> None:
     """A service of another user reads them: a copy that only its owner may read would leave it without a model."""
     files.model.chmod(0o644)
@@ -163,6 +197,20 @@ def test_a_zone_that_the_candidate_cannot_have_is_named(files: Files) -> None:
     code, said = files.take()
     assert (code, sorted(files.contents)) == (2, ["candidate", "model"])
     assert "surfaces.press-7.zones.gate: a bound of the force needs a scene" in said
+
+
+def test_a_zone_of_another_surface_with_the_same_model_is_named(files: Files) -> None:
+    """A service would not start with it."""
+    (files.folder / "same.onnx").symlink_to("press-7.onnx")
+    zone = "zones.gate = {from_mm = 1, to_mm = 9, least_force_n = 5}"
+    for other in ("press-7.onnx", "same.onnx"):
+        files.config.write_text(
+            f"[surfaces.press-7]\nmodel = 'press-7.onnx'\n[surfaces.press-8]\nmodel = '{other}'\n{zone}\n"
+        )
+        files.candidate.write_bytes(content_of("new", outputs=POSITION_OUTPUTS))
+        code, said = files.take()
+        assert (code, files.model.read_bytes()) == (2, OLD)
+        assert "surfaces.press-8.zones.gate: a bound of the force needs a scene" in said
 
 
 def test_where_there_is_nothing_to_take_it_says_where_a_file_would_be(files: Files, command: Command) -> None:
@@ -356,6 +404,25 @@ async def test_a_candidate_is_compared_until_it_is_gone(kept: Kept) -> None:
     # It may come back as it was.
     await kept.polls(NEWER)
     assert kept.compared == "newer"
+
+
+@pytest.mark.anyio
+@pytest.mark.promise("docs/how-to/rollout.md", "The same file copied again begins nothing anew")
+async def test_the_same_candidate_copied_again_is_compared_on(kept: Kept) -> None:
+    """A timer may copy it every minute."""
+    await kept.polls(NEW)
+    shadow = kept.surface.shadow
+    assert shadow
+    kept.path.unlink()
+    await kept.polls(NEW)
+    assert kept.surface.shadow is shadow
+    shadow.error = "it has ended"
+    await kept.polls()
+    assert kept.surface.shadow is shadow
+    kept.path.unlink()
+    await kept.polls(NEW)
+    assert kept.compared == "new"
+    assert kept.surface.shadow is not shadow
 
 
 @pytest.mark.anyio

@@ -7,13 +7,14 @@ from onnx import helper
 from beamtouch_models import runtime
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
+from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.comparison import ENOUGH_SAMPLES, ENOUGH_TOUCHED, ComparisonReport
 from beamtouch_service.surfaces.fields import encode
 from beamtouch_service.surfaces.shadow import SLOW_S, SLOW_SAMPLES, Shadow
 from beamtouch_service.surfaces.surface import Surface
-from service.bench import Row, parsed, surface_of
-from service.event_story import BETWEEN, ODD, RESTING, TOUCHING
+from service.bench import Row, batch_of, parsed, surface_of
+from service.event_story import BETWEEN, MOVING, ODD, RESTING, TOUCHING
 from support.surfaces.small_model import ModelOptions, content_of, model_of
 
 NOW_S = 100.0
@@ -36,6 +37,14 @@ class Beside:
         self.sequence += len(rows)
         self.surface.receive(batch, NOW_S + self.sequence / 200)
         return self.shadow.comparison.report()
+
+
+    def send_moving(self, row: Row) -> None:
+        """Send a sample of a beam that moves."""
+        body = batch_of(row, sequence=self.sequence + 1)
+        body["samples"][0] |= MOVING
+        self.sequence += 1
+        self.surface.receive(Batch.model_validate(body), NOW_S + self.sequence / 200)
 
 
 def failing() -> ModelFile:
@@ -163,6 +172,16 @@ def test_a_candidate_that_cannot_decide_is_worse() -> None:
     report = beside.send(*[[1.0, 1.0, 0.0]] * 5)
     assert (report.samples, report.model.undecided, report.candidate.undecided) == (210, 0, 5)
     assert report.verdict.endswith("It is worse: it cannot decide 5 of 215 samples, the model 0.")
+
+
+def test_a_candidate_of_other_channels_begins_with_nothing_known() -> None:
+    """What a contact of three channels stands on, two cannot compare with a beam that moves."""
+    beside = Beside(model_of("other", channels=2))
+    beside.surface.shadow = None
+    beside.send(TOUCHING)
+    beside.surface.shadow = beside.shadow
+    beside.send_moving([0.001, 0.0, 0.0])
+    assert beside.shadow.error is None
 
 
 def test_a_state_that_depends_on_what_was_before_is_not_compared() -> None:

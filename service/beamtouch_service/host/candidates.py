@@ -36,7 +36,7 @@ class CandidateKeeper:
             self._tried, self._candidate = stamp, None
             try:
                 # In a thread, because requests go on meanwhile.
-                self._candidate = await asyncio.to_thread(load, self.path)
+                self._candidate = self._recognize(await asyncio.to_thread(load, self.path))
             except ModelFileError as error:
                 self._refuse(str(error))
         if self._candidate:
@@ -50,6 +50,15 @@ class CandidateKeeper:
         elif surface.shadow is None or surface.shadow.model is not candidate:
             surface.shadow, surface.candidate_error = Shadow(candidate, surface.name, surface.section), None
             _log.info("surface %s: candidate %s runs beside the model", surface.name, candidate.identity)
+
+    def _recognize(self, loaded: ModelFile) -> ModelFile:
+        """Return the candidate that runs if this is the same: a tool may copy a file again and again.
+
+        A comparison that has ended begins anew with another copy.
+        """
+        shadow = self._surface.shadow
+        is_same = shadow and shadow.error is None and shadow.model.identity == loaded.identity
+        return shadow.model if shadow and is_same else loaded
 
     def _find_obstacle(self, candidate: ModelFile) -> str:
         """Return why a candidate cannot be compared now; empty if it can."""

@@ -18,7 +18,7 @@ from beamtouch_common.table import aligned
 from beamtouch_models import runtime
 from beamtouch_models.runtime import ModelFile, ModelFileError
 from beamtouch_service.config import Settings
-from beamtouch_service.host.models import find_zone_conflict, parse
+from beamtouch_service.host.models import Stamp, find_zone_conflict, parse, stamp_of
 from beamtouch_service.sections import SurfaceSection
 
 _DIGITS = 12
@@ -49,6 +49,8 @@ class _Staged:
     content: bytes
     model: ModelFile | None
     """None if a service would refuse it."""
+    stamp: Stamp | None
+    """Of the file, before it was read."""
     error: str = ""
     """Why it would."""
 
@@ -68,15 +70,15 @@ def _read(path: Path) -> _Staged | None:
     try:
         if not path.exists():
             return None
-        content = runtime.read(path)
+        stamp, content = stamp_of(path), runtime.read(path)
     except OSError as error:  # a folder above it is closed to this user
         raise InputError(f"{path}: {error.strerror}") from None
     except ModelFileError as error:
         raise InputError(f"model {error}") from None
     try:
-        return _Staged(path, content, parse(content, str(path)))
+        return _Staged(path, content, parse(content, str(path)), stamp)
     except ModelFileError as error:
-        return _Staged(path, content, None, str(error))
+        return _Staged(path, content, None, stamp, str(error))
 
 
 def report(settings: Settings, *, as_json: bool) -> str:
@@ -121,30 +123,31 @@ def take(settings: Settings, surface: str, digest: str | None = None) -> str:
     FailedError
         A file cannot be written. The model is the old one or the new one.
     """
-    section, path = _find(settings, surface)
+    path = _find(settings, surface)
     candidate, model = _read(candidate_of(path)), _read(path)
     if candidate is None:
         raise InputError(f"surface {surface}: nothing to take: there is no {candidate_of(path)}")
     _require_digest(candidate, digest)
-    _require_fit(surface, section, candidate, model)
+    _require_fit(settings, surface, candidate, model)
     with _writing(path.parent):
         if model and model.model:
             _write(previous_of(path), model.content, like=path)
         _write(path, candidate.content, like=path if model else candidate.path)
-        candidate.path.unlink(missing_ok=True)
+        if stamp_of(candidate.path) == candidate.stamp:  # else a newer one came meanwhile
+            candidate.path.unlink(missing_ok=True)
     return _say(surface, candidate, model)
 
 
 def take_back(settings: Settings, surface: str) -> str:
     """Put the previous model of a surface back in its place; return what to say. Raises what `take` raises."""
-    section, path = _find(settings, surface)
+    path = _find(settings, surface)
     previous, model = _read(previous_of(path)), _read(path)
     if previous is None:
         raise InputError(f"surface {surface}: nothing to take back: there is no {previous_of(path)}")
-    _require_fit(surface, section, previous, model)
+    _require_fit(settings, surface, previous, model)
     candidate = candidate_of(path)
-    # A candidate that came meanwhile is somebody's newer wish.
-    is_free = not candidate.exists()
+    # A candidate that came meanwhile is somebody's newer wish, unless it is a copy of the model that was taken.
+    is_free = not candidate.exists() or (model is not None and _holds(candidate, model.content))
     with _writing(path.parent):
         if model and model.model and is_free:
             _write(candidate, model.content, like=path)
@@ -156,14 +159,28 @@ def take_back(settings: Settings, surface: str) -> str:
     return _say(surface, previous, model)
 
 
-def _find(settings: Settings, surface: str) -> tuple[SurfaceSection, Path]:
+def _holds(path: Path, content: bytes) -> bool:
+    """Return whether a file has this content; one that cannot be read has another one."""
+    try:
+        return runtime.read(path) == content
+    except ModelFileError:
+        return False
+
+
+def _find(settings: Settings, surface: str) -> Path:
     section = settings.surfaces.get(surface)
     if section is None:
         names = ", ".join(settings.surfaces) or "none"
         raise InputError(f"no surface is called {surface!r}; the surfaces are {names}")
     if section.model is None:
         raise InputError(f"surface {surface} has no model; set surfaces.{surface}.model in the configuration")
-    return section, section.model
+    return section.model
+
+
+def _sharing(settings: Settings, surface: str) -> dict[str, SurfaceSection]:
+    """Return the surfaces that have the model file of this one, it among them."""
+    path = _find(settings, surface).resolve()
+    return {name: one for name, one in settings.surfaces.items() if one.model and one.model.resolve() == path}
 
 
 def _require_digest(candidate: _Staged, digest: str | None) -> None:
@@ -177,14 +194,18 @@ def _require_digest(candidate: _Staged, digest: str | None) -> None:
         raise InputError(f"{candidate.path}: its digest is {candidate.digest}, not {digest}; nothing was changed")
 
 
-def _require_fit(surface: str, section: SurfaceSection, staged: _Staged, model: _Staged | None) -> None:
-    """Raise InputError unless a service that runs with a model would use another one in its place."""
+def _require_fit(settings: Settings, surface: str, staged: _Staged, model: _Staged | None) -> None:
+    """Raise InputError unless a service that runs with a model would use another one in its place.
+
+    That holds for each surface with the same model file.
+    """
     if staged.model is None:
         raise InputError(f"model {staged.error}")
     if model and model.content == staged.content:
         raise InputError(f"surface {surface}: {staged.path} is the model in use already; remove it")
-    if conflict := find_zone_conflict(section, staged.model):
-        raise InputError(f"{staged.path}: surfaces.{surface}.zones.{conflict}")
+    for name, section in _sharing(settings, surface).items():
+        if conflict := find_zone_conflict(section, staged.model):
+            raise InputError(f"{staged.path}: surfaces.{name}.zones.{conflict}")
     old = model.model.metadata if model and model.model else None
     if old and old.beam != staged.model.metadata.beam:
         beams = f"it is of {old.outline.kind} {staged.model.metadata.beam}, the model in use of {old.beam}"

@@ -43,10 +43,11 @@ class Shadow:
         """Work of the last samples, up to `SLOW_SAMPLES`, and how many these are."""
 
     def begin(self, follower: Follower) -> None:
-        """Begin after the samples of the follower that answers, unless it has begun."""
+        """Begin after the samples of the follower that answers, unless it has begun or has other channels."""
         if not self._has_begun:
             self._has_begun = True
-            self._follower.go_on_from(follower)
+            if follower.model.channels == self.model.channels:
+                self._follower.go_on_from(follower)
 
     def follow(
         self,
