@@ -1,13 +1,15 @@
 """A model that takes the place of another one of its beam: what was known of the beam stays known."""
 
+from pathlib import Path
+
 import pytest
 
 from beamtouch_common.zones import Zone
 from beamtouch_models.runtime import ModelFile
-from beamtouch_service.sections import SurfaceSection
+from beamtouch_service.sections import EventsSection, SurfaceSection
 from beamtouch_service.surfaces.surface import Surface
 from service.bench import Bench, Row, parsed, surface_of
-from service.event_story import BETWEEN, ODD, RESTING, TOUCHING
+from service.event_story import BETWEEN, ODD, RESTING, TOUCHING, Story
 from support.surfaces.small_model import model_of
 
 WEAK: Row = [0.2, 0.0, 0.0]
@@ -88,6 +90,19 @@ def test_a_model_that_comes_during_a_batch_goes_on_from_its_end() -> None:
     assert len(list(received.steps)) == 2
     line.sequence = 3
     assert line.send(BETWEEN) == [("contact", ["unsteady"])]
+
+
+@pytest.mark.promise("docs/how-to/rollout.md", "The event that is open ends as `unseen`, and a new one begins")
+def test_the_record_has_the_contact_that_goes_on(tmp_path: Path) -> None:
+    """No model would see it begin now: the record goes on from the state as the answer does."""
+    bench = Bench(surface_of(), events=EventsSection(file=tmp_path / "events.db"))
+    story = Story(bench, [RESTING] * 8 + [TOUCHING] * 4 + [BETWEEN] * 12 + [RESTING] * 6)
+    story.deliver(0, 16)
+    bench.adopt(other())
+    story.deliver(16, 24)
+    assert bench.contact()["state"] == "contact"
+    story.deliver(24, 30)
+    assert [(one["begin"], one["end"]) for one in story.events] == [("touch", "unseen"), ("unseen", "lift")]
 
 
 @pytest.mark.parametrize("why", ["samples are missing", "another sender", "other channels", "no model before"])

@@ -134,10 +134,14 @@ class BootRecord:
         return lost
 
     def adopt(self, model: ModelFile) -> None:
-        """Decide with this model from now on. Another one ends the open event."""
+        """Decide with this model from now on. Another one ends the open event.
+
+        One of the same beam and channels goes on from the state that is there, as the live answer does.
+        """
         if self.model is not model:
             self._interrupt()
-            self._begin(model)
+            is_alike = (self.model.metadata.beam, self.model.channels) == (model.metadata.beam, model.channels)
+            self._begin(model, self._judge.past if is_alike else NEUTRAL)
 
     def lose(self) -> None:
         """End the open event: what came after it is lost, or was not seen. Nothing is known any more."""
