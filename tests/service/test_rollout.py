@@ -80,9 +80,7 @@ def test_a_candidate_that_came_meanwhile_stays_and_no_model_is_lost(files: Files
     assert files.contents == {"model": OLD, "candidate": NEWER, "previous": NEW}
 
 
-def test_a_candidate_that_comes_while_another_one_is_taken_stays(
-    files: Files, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_candidate_that_comes_while_another_one_is_taken_stays(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
     files.candidate.write_bytes(NEW)
     replace = Path.replace
 

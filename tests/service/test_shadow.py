@@ -38,7 +38,6 @@ class Beside:
         self.surface.receive(batch, NOW_S + self.sequence / 200)
         return self.shadow.comparison.report()
 
-
     def send_moving(self, row: Row) -> None:
         """Send a sample of a beam that moves."""
         body = batch_of(row, sequence=self.sequence + 1)
