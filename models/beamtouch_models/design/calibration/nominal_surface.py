@@ -12,7 +12,7 @@ from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibrated import depart
 from beamtouch_models.design.physics.influence_function import Interpolation
-from beamtouch_models.design.physics.structure import Structure
+from beamtouch_models.design.physics.structure import Structure, yields_alike
 from beamtouch_models.design.scene.beam import Beam
 from beamtouch_models.design.scene.plate import Plate
 from beamtouch_models.design.surface import resolve_model
@@ -207,8 +207,11 @@ class NominalSurface:
     def curve(self, vector: Floats) -> InfluenceCurve:
         """Return the influence of the surface with the departures that a vector encodes, over the range of contacts."""
         departures = self.departures(vector)
-        # Gains, offsets and the curve do not change the beam, so its influence can often be used again.
-        beam = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
+        # Gains, offsets and the curve do not change the beam, nor does its rigidity change the shape of its influence, so
+        # that can often be used again.
+        softer = 1 / departures.rigidity if yields_alike(self.structure) else 1.0
+        own = {"gain": [1.0] * len(departures.gain), "rigidity": softer * departures.rigidity}
+        beam = departures.model_copy(update=own)
         of_plate = (*(beam.across_offset_mm or ()), *(beam.spring_stiffness or ()))
         parts = (beam.rigidity, *beam.fixity, *beam.position_offset_mm, *of_plate)
         ticks = self.prior.extent.ticks(GRID[self.prior.extent.axes])
@@ -216,7 +219,8 @@ class NominalSurface:
             if len(self._influences) >= MAX_INFLUENCES:
                 self._influences.clear()
             self._influences[parts] = self.prior_with(beam).influence_at(grid_of(ticks))
-        return InfluenceCurve(tuple(ticks), np.array(departures.gain) * self._influences[parts], departures)
+        influence = softer * np.array(departures.gain) * self._influences[parts]
+        return InfluenceCurve(tuple(ticks), influence, departures)
 
     def slopes(self, vector: Floats, place_mm: Floats, force_n: Floats, kinds: Sequence[str]) -> Floats:
         """Return the change of measured deflections with each entry of the vector, (loads, channels, departures).

@@ -65,6 +65,14 @@ def size_of(structure: Structure) -> tuple[float, ...]:
     return (structure.length_mm,) if isinstance(structure, Beam) else structure.size_mm
 
 
+def yields_alike(structure: Structure) -> bool:
+    """Return whether `changed` with a rigidity divides all influence by it: nothing beside a beam's bending has a part.
+
+    A foundation and the shear of a beam stay what they are.
+    """
+    return not isinstance(structure, Beam) or structure.foundation_n_mm2 is None and structure.shear_modulus_gpa is None
+
+
 def changed(structure: Structure, departures: Departures) -> Structure:
     """Return a structure with the rigidity, the fixity of its first and last support, and the springs of departures.
 
