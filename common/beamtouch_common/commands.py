@@ -6,6 +6,7 @@ import argparse
 import os
 import re
 import sys
+from functools import cache
 from importlib import import_module
 
 from beamtouch_common.errors import FailedError, InputError
@@ -159,6 +160,7 @@ def _is_output_lost(*, tries: bool = False) -> bool:
     return False
 
 
+@cache
 def version() -> str:
     """Return the installed version."""
     return str(import_module("importlib.metadata").version("beamtouch"))

@@ -14,9 +14,13 @@ FILES = sorted(entry.name for entry in PAGE.iterdir())
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 
 
+def path_of(name: str) -> str:
+    return "/" if name == "index.html" else f"/{name}"
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_each_file_is_served_with_its_type_and_asked_for_again(bench: Bench, name: str) -> None:
-    path = "/" if name == "index.html" else f"/{name}"
+    path = path_of(name)
     answer = bench.get(path)
     assert (answer.status_code, answer.content) == (200, (PAGE / name).read_bytes())
     assert answer.headers["content-type"].partition(";")[0] == TYPES[name.rpartition(".")[2]]
@@ -29,7 +33,12 @@ def test_each_file_is_served_with_its_type_and_asked_for_again(bench: Bench, nam
     assert bench.client.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
     head = bench.client.head(path)
     assert (head.status_code, head.content) == (200, b"")
-    assert path not in bench.get("/openapi.json").json()["paths"]
+
+
+def test_no_file_of_the_page_is_a_route_that_is_described(bench: Bench) -> None:
+    described = bench.get("/openapi.json").json()["paths"]
+    assert "/contact" in described
+    assert not set(map(path_of, FILES)) & set(described)
 
 
 @pytest.mark.promise("docs/reference/page.md", "Its content security policy lets it load from the service only.")
