@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from beamtouch_models.design.physics.beam import influence_of
-from beamtouch_models.design.scene import load_scene
+from beamtouch_models.design.calibration.nominal_surface import NominalSurface
+from beamtouch_models.design.physics.beam import influence, influence_of
+from beamtouch_models.design.scene import change_scene, load_scene, read_scene
+from beamtouch_models.design.scene.beam import Beam, changed_beam
+from beamtouch_models.design.surface import resolve
 from beamtouch_models.places import on_axis
 from beamtouch_models.runtime.curve import Curve
+from beamtouch_models.runtime.departures import Departures
 from support.surfaces.example_scenes import SCENES
 
 
@@ -50,3 +54,24 @@ def test_an_entry_on_a_support_where_only_rounding_is_left_is_no_contact() -> No
     assert np.median(np.abs(place_mm[:, 0] - true_mm)) < 5
     assert ((force_n > 0) & (force_n < 1e4)).all()
     assert curve.unexplained(deflection_mm, weight).max() < 40
+
+
+@pytest.mark.parametrize("key", ["none", "foundation_n_mm2", "shear_modulus_gpa"])
+def test_the_influence_that_a_calibration_uses_again_is_that_of_the_stiffer_beam(key: str) -> None:
+    """A foundation and shear stay what they are in a stiffer beam: they change the shape of its influence."""
+    scene, sensor_mm = read_scene(SCENES / "bench.toml"), np.array([80.0, 160.0, 320.0])
+    more = {"foundation_n_mm2": 0.05, "shear_modulus_gpa": 0.5}
+    stated = scene.beam.model_dump(exclude_none=True) | {name: more[name] for name in more if name == key}
+    surface = resolve(change_scene(scene, beam=stated))
+    assert isinstance(surface.structure, Beam)
+    prior = surface.prior(sensor_mm)
+    nominal = NominalSurface(surface.structure, 0.0, sensor_mm, prior, 1.0, 0.0, "mm", None)
+    departures = Departures(
+        rigidity=1.3, gain=[1.1, 1.0, 0.9], fixity=(0.1, 0.0), position_offset_mm=[1.0, 0.0, 0.0], offset_mm=[0.0] * 3
+    )
+    for rigidity in (1.0, 1.3):
+        changed = departures.model_copy(update={"rigidity": rigidity})
+        curve = nominal.curve(nominal.vector_of(changed))
+        beam = changed_beam(surface.structure, rigidity, (0.1, 0.0))
+        expected = [1.1, 1.0, 0.9] * influence(beam, [81.0, 160.0, 320.0], curve.place_mm[:, 0])
+        assert curve.influence == pytest.approx(expected, rel=1e-9, abs=1e-12 * np.abs(expected).max())

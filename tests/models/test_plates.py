@@ -12,6 +12,7 @@ from skfem.helpers import dd, ddot, trace
 from beamtouch_models import SceneError
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics import beam
+from beamtouch_models.design.physics import plate as module
 from beamtouch_models.design.physics.motion import first_frequency_hz, sag_mm
 from beamtouch_models.design.physics.plate import influence, supported_plate
 from beamtouch_models.design.scene.beam import Beam
@@ -183,6 +184,19 @@ def test_slopes_and_bends() -> None:
     assert abs(solved.bends(at, load)[0, 0]) < 1e-4 * solved.influence(at, load)[0, 0]
     thin = supported_plate(steel())
     assert thin.bends(SENSORS, LOADS) == pytest.approx(thin.influence(SENSORS, LOADS), rel=1e-9)
+
+
+def test_what_is_kept_of_a_plate_stays_in_its_bound_and_changes_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One load at a time, as nothing solved for others can help, beside all of them, and asked again."""
+    solved, rng = supported_plate(steel(poisson_ratio=0.29, supports="edges")), np.random.default_rng(1)
+    sets = [rng.uniform(5, 295, (count, 2)) for count in (40, 3, 17, 16)]
+    alone = [np.concatenate([solved.influence(SENSORS, load[None]) for load in loads]) for loads in sets]
+    unknowns = solved.body.rigid.shape[0]
+    monkeypatch.setattr(module, "KEPT", 45 * unknowns)
+    for loads, expected in [*zip(sets, alone, strict=True)] * 2:
+        answer = solved.influence(loads, SENSORS).T
+        assert answer == pytest.approx(expected, rel=1e-9)
+        assert 0 < sum(kept.size for kept in solved.body.kept.values()) <= 45 * unknowns
 
 
 def test_frequencies_are_those_published() -> None:

@@ -207,11 +207,10 @@ class NominalSurface:
     def curve(self, vector: Floats) -> InfluenceCurve:
         """Return the influence of the surface with the departures that a vector encodes, over the range of contacts."""
         departures = self.departures(vector)
-        # Gains, offsets and the curve do not change the beam, nor does its rigidity change the shape of its influence, so
-        # that can often be used again.
-        softer = 1 / departures.rigidity if yields_alike(self.structure) else 1.0
-        own = {"gain": [1.0] * len(departures.gain), "rigidity": softer * departures.rigidity}
-        beam = departures.model_copy(update=own)
+        # Gains, offsets and the curve do not change the beam, so its influence can often be used again; nor does the
+        # rigidity, if it divides all of it.
+        rigidity = 1.0 if yields_alike(self.structure) else departures.rigidity
+        beam = departures.model_copy(update={"gain": [1.0] * len(departures.gain), "rigidity": rigidity})
         of_plate = (*(beam.across_offset_mm or ()), *(beam.spring_stiffness or ()))
         parts = (beam.rigidity, *beam.fixity, *beam.position_offset_mm, *of_plate)
         ticks = self.prior.extent.ticks(GRID[self.prior.extent.axes])
@@ -219,7 +218,7 @@ class NominalSurface:
             if len(self._influences) >= MAX_INFLUENCES:
                 self._influences.clear()
             self._influences[parts] = self.prior_with(beam).influence_at(grid_of(ticks))
-        influence = softer * np.array(departures.gain) * self._influences[parts]
+        influence = np.array(departures.gain) * self._influences[parts] * (rigidity / departures.rigidity)
         return InfluenceCurve(tuple(ticks), influence, departures)
 
     def slopes(self, vector: Floats, place_mm: Floats, force_n: Floats, kinds: Sequence[str]) -> Floats:

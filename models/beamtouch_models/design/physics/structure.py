@@ -70,7 +70,9 @@ def yields_alike(structure: Structure) -> bool:
 
     A foundation and the shear of a beam stay what they are.
     """
-    return not isinstance(structure, Beam) or structure.foundation_n_mm2 is None and structure.shear_modulus_gpa is None
+    if not isinstance(structure, Beam):
+        return True
+    return structure.foundation_n_mm2 is None and structure.shear_modulus_gpa is None
 
 
 def changed(structure: Structure, departures: Departures) -> Structure:
