@@ -7,6 +7,7 @@ import signal
 import subprocess
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,7 +17,7 @@ import httpx2
 import pytest
 import tomli_w
 
-from line import Surface
+from line import Kind, Surface
 from support.network.free_ports import free_port
 from support.network.plain_http import TIMEOUT_S
 from support.programs.contained_line import CONTAINED, USER, Contained, podman_in
@@ -65,35 +66,41 @@ def podman() -> Iterator[list[str]]:
 
 @pytest.fixture
 def make_line(tmp_path: Path, bench_model: Path, podman: list[str]) -> MakeLine:
-    """A function that makes a line with a load at 150 mm that stays.
+    """A function that makes a line of two surfaces, as in the demo, each with a load at 150 mm that stays.
 
     It takes further sections of the configuration of the service, and options of the containers by program.
     """
     (tmp_path / "script.toml").write_text("[[step]]\nseconds = 600\nposition_mm = 150.0\nforce_n = 10.0\n")
     model = tmp_path / "bench.onnx"
     model.write_bytes(bench_model.read_bytes())
-    surface = Surface("bench", "modbus-tcp", tmp_path / "script.toml", ("--no-ringing",))
+    kinds: dict[str, Kind] = {"bench": "modbus-tcp", "cable": "serial"}
+    surfaces = [Surface(name, kind, tmp_path / "script.toml", ("--no-ringing",)) for name, kind in kinds.items()]
     os.chown(tmp_path, USER, USER)
 
     def make(sections: Mapping[str, Any], options: Mapping[str, Sequence[str]]) -> Contained:
         sections = {"events": {"file": "/var/lib/beamtouch/events.db"}, **sections}
         daemon_config = bench_model.with_suffix(".toml")
-        line = Contained(tmp_path, SCENES / "bench.toml", model, daemon_config, [surface], sections)
+        line = Contained(tmp_path, SCENES / "bench.toml", model, daemon_config, surfaces, sections)
         line.podman, line.images, line.options = podman, IMAGES, options
         return line
 
     return make
 
 
+@pytest.mark.promise("docs/how-to/containers.md", "to try a line, run a rig beside the containers")
 def test_a_line_in_containers_finds_a_contact_and_ends_as_asked(make_line: MakeLine) -> None:
     with make_line({}, {}) as line:
 
-        def answer() -> dict[str, object]:
-            response = httpx2.get(f"{line.url}/surfaces/bench/contact", timeout=TIMEOUT_S)
+        def answer(surface: str) -> dict[str, object]:
+            response = httpx2.get(f"{line.url}/surfaces/{surface}/contact", timeout=TIMEOUT_S)
             return dict(response.json())
 
-        wait_until(lambda: answer().get("state") == "contact", pause_s=0.2)
-        assert answer()["position_mm"] == pytest.approx(150.0, abs=5.0)
+        def has_contact(surface: str) -> bool:
+            return answer(surface).get("state") == "contact"
+
+        for surface in ("bench", "cable"):
+            wait_until(partial(has_contact, surface), pause_s=0.2)
+            assert answer(surface)["position_mm"] == pytest.approx(150.0, abs=5.0)
         # The record is in a volume that podman has just made.
         events = f"{line.url}/events?kind=contact"
         wait_until(lambda: bool(httpx2.get(events, timeout=TIMEOUT_S).json().get("events")), pause_s=0.2)

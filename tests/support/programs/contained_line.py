@@ -1,8 +1,10 @@
 """A line whose daemon and service run in containers with read-only roots."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-from line import Line
+from line import Line, Surface
 
 USER = 10001
 IN_ITS_OWN_TREE = 'umount -R -l /sys/fs/cgroup; mount -t cgroup2 cgroup2 /sys/fs/cgroup; exec "$@"'
@@ -30,6 +32,19 @@ class Contained(Line):
     """Of another processor, for all that the containers run."""
     options: Mapping[str, Sequence[str]] = {}
     """Program -> further options of its container."""
+
+    def _start_rig(self, surface: Surface) -> dict[str, Any]:
+        """Start the rig of a surface; its serial line is a device of the container of the daemon."""
+        source = super()._start_rig(surface)
+        if surface.kind != "modbus-tcp":
+            line = Path(source["port"]).resolve()
+            line.chmod(0o666)
+            source["port"] = f"/dev/{surface.name}"
+            daemon = "beamtouch-daemon"
+            # `--device` would make a node, and that of a pseudo-terminal is none elsewhere.
+            passed = ["--volume", f"{line}:{source['port']}"]
+            self.options = {**self.options, daemon: [*self.options.get(daemon, ()), *passed]}
+        return source
 
     def _find_program(self, command: list[str]) -> list[str]:
         program, *words = command
