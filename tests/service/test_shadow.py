@@ -11,7 +11,7 @@ from beamtouch_service.samples import Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.comparison import ENOUGH_SAMPLES, ENOUGH_TOUCHED, ComparisonReport
 from beamtouch_service.surfaces.fields import encode
-from beamtouch_service.surfaces.shadow import SLOW_S, SLOW_SAMPLES, Shadow
+from beamtouch_service.surfaces.shadow import SLOW_SAMPLES, Shadow
 from beamtouch_service.surfaces.surface import Surface
 from service.bench import Row, batch_of, parsed, surface_of
 from service.event_story import BETWEEN, MOVING, ODD, RESTING, TOUCHING
@@ -25,17 +25,17 @@ LIMIT_MM = 1.2
 
 
 class Beside:
-    """A surface with a candidate, and a sender of samples 5 ms apart."""
+    """A surface with a candidate, and a sender of samples `apart_ms` apart."""
 
     def __init__(self, candidate: ModelFile, surface: Surface | None = None) -> None:
-        self.surface, self.sequence = surface or surface_of(), 0
+        self.surface, self.sequence, self.apart_ms = surface or surface_of(), 0, 5
         self.shadow = self.surface.shadow = Shadow(candidate, "press-7", SurfaceSection())
 
     def send(self, *rows: Row) -> ComparisonReport:
         """Send samples in one batch; return what is known then."""
-        batch = parsed(*rows, sequence=self.sequence + 1)
+        batch = parsed(*rows, sequence=self.sequence + 1, every_us=self.apart_ms * 1000)
         self.sequence += len(rows)
-        self.surface.receive(batch, NOW_S + self.sequence / 200)
+        self.surface.receive(batch, NOW_S + self.sequence * self.apart_ms / 1e3)
         return self.shadow.comparison.report()
 
     def send_moving(self, row: Row) -> None:
@@ -212,22 +212,27 @@ def test_a_candidate_whose_graph_fails_ends_the_comparison_and_nothing_else(capl
     assert [one.levelname for one in caplog.records] == ["ERROR"]
 
 
-def test_a_candidate_that_works_too_long_ends_the_comparison() -> None:
+@pytest.mark.promise("docs/how-to/rollout.md", "work of more than 5 ms on a sample, or of a quarter of the time")
+@pytest.mark.parametrize(("apart_ms", "limit_ms"), [(40, 5), (20, 5), (8, 2)])
+def test_a_candidate_that_works_too_long_ends_the_comparison(apart_ms: int, limit_ms: int) -> None:
     beside, now_s = Beside(model_of("other")), [0.0]
+    beside.apart_ms = apart_ms
 
     def work() -> float:
         now_s[0] += took_s  # between the two looks of each sample
         return now_s[0]
 
     beside.shadow = beside.surface.shadow = Shadow(model_of("other"), "press-7", SurfaceSection(), work)
-    took_s = SLOW_S * 0.99
+    took_s = limit_ms / 1e3 * 0.99
     beside.send(*[RESTING] * SLOW_SAMPLES * 2)
     assert beside.shadow.error is None
-    took_s = SLOW_S * 1.01
+    took_s = limit_ms / 1e3 * 1.01
     beside.send(*[RESTING] * (SLOW_SAMPLES - 1))
     assert beside.shadow.error is None
     beside.send(RESTING)
-    assert beside.shadow.error == "the comparison has ended: it works 5 ms on a sample, which would delay answers"
+    assert beside.shadow.error == (
+        f"the comparison has ended: it works {limit_ms} ms on a sample, {apart_ms} ms apart, which would delay answers"
+    )
 
 
 def test_the_answer_is_given_before_the_candidate_works() -> None:
