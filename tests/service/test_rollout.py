@@ -12,6 +12,7 @@ from beamtouch_service import cli
 from beamtouch_service.host import models, rollout
 from beamtouch_service.host.candidates import CandidateKeeper
 from beamtouch_service.host.models import ModelKeeper
+from beamtouch_service.problems import ProblemError
 from service.bench import parsed, surface_with
 from service.event_story import RESTING, TOUCHING
 from support.programs.in_process import Command, command_of
@@ -439,6 +440,21 @@ async def test_a_candidate_that_cannot_be_used_is_named_once(kept: Kept, caplog:
         assert complaint in caplog.messages[-1]
         assert len(caplog.messages) == number
         assert kept.surface.model_error is None
+
+
+@pytest.mark.anyio
+async def test_a_comparison_outlasts_samples_that_are_refused(kept: Kept) -> None:
+    await kept.polls(NEW)
+    kept.surface.receive(parsed(RESTING, TOUCHING, sequence=1), 10.0)
+    with pytest.raises(ProblemError):
+        kept.surface.receive(parsed(TOUCHING, sequence=3, channels=["s1", "s2", "t3"]), 10.1)
+    await kept.polls()
+    assert "it needs s3, but the samples of this surface lack them" in str(kept.surface.candidate_error)
+    kept.surface.receive(parsed(TOUCHING, sequence=3), 10.2)
+    await kept.polls()
+    assert kept.surface.candidate_error is None
+    assert kept.surface.shadow
+    assert kept.surface.shadow.comparison.samples == 3
 
 
 @pytest.mark.anyio

@@ -45,10 +45,13 @@ class CandidateKeeper:
     def _compare(self, candidate: ModelFile) -> None:
         """Let a candidate run beside the model, unless it does already, or does not fit what is there now."""
         surface = self._surface
+        is_known = surface.shadow is not None and surface.shadow.model is candidate
         if reason := self._find_obstacle(candidate):
-            self._refuse(reason)
-        elif surface.shadow is None or surface.shadow.model is not candidate:
-            surface.shadow, surface.candidate_error = Shadow(candidate, surface.name, surface.section), None
+            self._refuse(reason, ends=not is_known)  # samples that are refused now may be others soon
+            return
+        surface.candidate_error = None
+        if not is_known:
+            surface.shadow = Shadow(candidate, surface.name, surface.section)
             _log.info("surface %s: candidate %s runs beside the model", surface.name, candidate.identity)
 
     def _recognize(self, loaded: ModelFile) -> ModelFile:
@@ -73,11 +76,13 @@ class CandidateKeeper:
             return f"{self.path}: it is of the beam whose samples arrive, the model in use is not"
         return ""
 
-    def _refuse(self, reason: str | None) -> None:
-        """End the comparison for a reason, or because the file is gone."""
+    def _refuse(self, reason: str | None, *, ends: bool = True) -> None:
+        """Say why there is no comparison now, None if the file is gone; end one that is there, or let it wait."""
         surface = self._surface
         if reason is None and surface.shadow:
             _log.info("surface %s: candidate %s is gone", surface.name, surface.shadow.model.identity)
         if reason is not None and reason != surface.candidate_error:
             _log.warning("surface %s: the candidate is not compared: %s", surface.name, reason)
-        surface.shadow, surface.candidate_error = None, reason
+        surface.candidate_error = reason
+        if ends:
+            surface.shadow = None
