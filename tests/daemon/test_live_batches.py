@@ -14,6 +14,7 @@ from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.live import Live
 from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.delivery.sending import send
+from beamtouch_daemon.tasks import cancel
 from beamtouch_service.samples import Batch
 
 from .publishing import Bench, boot, taken
@@ -74,6 +75,19 @@ async def test_two_live_batches_may_be_without_an_answer_on_a_long_way() -> None
         assert one.wait_s == 0.15
         one.boot.live.begin(2, 2)
         assert one.live._next_s() == inf
+
+
+async def test_however_many_samples_come_no_more_than_two_live_batches_are_without_an_answer() -> None:
+    async with serving(Service()) as service, sender(url=service.url) as one:
+        service.wait_s, in_flight = lambda *_: 0.2, set[int]()
+        running = asyncio.ensure_future(one.live.run())
+        for number in range(1, 21):
+            one.boot.put(taken(number, 1))
+            one.boot.wake_live()
+            await asyncio.sleep(0.005)
+            in_flight.add(one.boot.live.in_flight)
+        await cancel([running])
+        assert in_flight <= {0, 1, 2}
 
 
 async def test_on_a_thin_line_a_live_batch_rests_while_the_record_lacks_samples() -> None:
