@@ -324,6 +324,21 @@ def test_a_load_many_times_as_heavy_as_the_stated_force_gets_a_sane_answer(noise
     check_sane(prior, answers_of(graph_of(prior), prior, heavy_mm))
 
 
+@pytest.mark.parametrize(("noise_percent", "off"), [(0.3, 1e-3), (0.03, 1e-4)])
+def test_a_force_far_beyond_a_narrow_range_is_known_as_well_as_the_sample_shows_it(
+    noise_percent: float, off: float
+) -> None:
+    prior = prior_of("bench", 4, noise_percent, known=True)
+    middle_n = prior.force_n[1]
+    prior = dataclasses.replace(prior, force_n=(middle_n * (1 - off), middle_n * (1 + off)))
+    force_n = np.array([0.7, 1.5, 3.0]) * middle_n
+    shape = prior.influence_at(on_axis(np.array([240.0])))[0]
+    answers = answers_of(posterior_graph(prior, with_force=True), prior, np.outer(force_n, shape))
+    assert answers["force_n"] == pytest.approx(force_n, rel=1e-3)
+    within_n = answers["force_high_n"] - answers["force_low_n"]
+    assert within_n == pytest.approx(within_n.min(), rel=0.05)
+
+
 def test_the_interval_of_a_very_precise_sample_is_short_at_an_end_of_the_range_too() -> None:
     prior = prior_of("bench", 3, 1e-3, known=True)
     low, high = prior.extent.range_mm
