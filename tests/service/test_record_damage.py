@@ -140,6 +140,22 @@ def test_each_damage_of_an_event_is_answered_with_its_row_and_leaves_the_others(
     assert "Traceback" not in caplog.text
 
 
+def test_numbers_of_an_event_are_damaged_from_where_json_holds_none_exactly(services: Services, tmp_path: Path) -> None:
+    path, most = tmp_path / "events.db", 2**53
+    story = services.story(CONTACT, path)
+    story.deliver(0, len(CONTACT))
+    assert len(story.events) == 1
+    times = [(most - 1, True), (most, False), (-most, True), (-most - 2, False), (0, True)]
+    counts = [(most - 1, True), (most, False), (-1, False), (0, True)]
+    cases = [(column, str(value), is_whole) for column in ("touched_us", "last_us") for value, is_whole in times]
+    cases += [("samples", str(value), is_whole) for value, is_whole in counts]
+    cases += [("path", f"'[[0,1,0,{value},{value},{value}]]'", is_whole) for value, is_whole in times]
+    for column, value, is_whole in cases:
+        execute(path, f"UPDATE events SET {column} = {value}")  # noqa: S608  # of this test
+        found = story.bench.get("/events/1").is_success
+        assert found is is_whole, (column, value)
+
+
 @pytest.mark.parametrize("is_replaced", [False, True])
 def test_a_record_that_is_deleted_begins_anew_with_what_the_sender_keeps(
     services: Services, tmp_path: Path, *, is_replaced: bool
