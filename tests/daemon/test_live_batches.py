@@ -87,7 +87,7 @@ async def test_however_many_samples_come_no_more_than_two_live_batches_are_witho
             await asyncio.sleep(0.005)
             in_flight.add(one.boot.live.in_flight)
         await cancel([running])
-        assert in_flight <= {0, 1, 2}
+        assert 0 < max(in_flight) <= 2
 
 
 async def test_on_a_thin_line_a_live_batch_rests_while_the_record_lacks_samples() -> None:
