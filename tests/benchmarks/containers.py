@@ -34,6 +34,8 @@ ROOT = Path(__file__).parents[2]
 PROGRAMS = ("beamtouch-daemon", "beamtouch-service")
 MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 SETTLED_S = 20.0
+EMULATED_STALE_MS, EMULATED_HZ = 10_000, 50
+"""An emulator decides on a few samples a second: of as many as a device gives, they would all be too old."""
 SCRIPT = "[[step]]\nseconds = 6000\nposition_mm = 150.0\nforce_n = 10.0\n"
 
 
@@ -68,10 +70,11 @@ def measure(folder: Path, podman: list[str], images: dict[str, str], emulator: s
     """Return the figures of a round in words."""
     (folder / "script.toml").write_text(SCRIPT)
     surface = Surface("bench", "modbus-tcp", folder / "script.toml", ("--no-ringing",))
-    record = {"events": {"file": "/var/lib/beamtouch/events.db"}}
-    contained = Timed(
-        folder, SCENES / "bench.toml", folder / "bench.onnx", folder / "generated.toml", [surface], record
-    )
+    model = folder / "bench.onnx"
+    sections: dict[str, Any] = {"events": {"file": "/var/lib/beamtouch/events.db"}}
+    if emulator:
+        sections["surfaces"] = {"bench": {"model": str(model), "stale_ms": EMULATED_STALE_MS}}
+    contained = Timed(folder, SCENES / "bench.toml", model, folder / "generated.toml", [surface], sections)
     contained.podman, contained.images, contained.emulator = podman, images, emulator
     os.chown(folder, USER, USER)
     with contained:
@@ -115,7 +118,7 @@ def main() -> None:
             loaded = subprocess.check_output([*podman, "load", "--quiet", "--input", file], text=True)
             images[program] = loaded.split()[-1]
             print(f"{file.name}: {file.stat().st_size / 1e6:.0f} MB")
-        build(Path(place))
+        build(Path(place), rate_hz=EMULATED_HZ if emulator else None)
         for _ in range(given.rounds):
             print(measure(Path(place), podman, images, emulator), flush=True)
 
