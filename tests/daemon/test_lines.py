@@ -50,7 +50,8 @@ async def test_a_serial_device_that_is_reset_or_plugged_in_again_is_read_within_
             assert "the device was reset" in outcome.err
         assert all(second == first + 1000 for first, second in counts_of(service.samples()))
         counts = summary_of(tmp_path)["bench"]
-        assert counts["samples_published"] == counts["readings"] == len(service.samples())
+        # As recorded: on a starved machine, some arrive twice.
+        assert counts["samples_published"] == counts["readings"] == len(service.record.whole())
 
 
 class KeepingDevice(SerialDevice):

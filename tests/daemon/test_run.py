@@ -61,7 +61,7 @@ async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path:
         async with started("run", config, *options, code=PATIENT_STOP) as daemon:
             await service.until(100)
             outcome = await daemon.stop(number)
-    samples = service.samples()
+    samples = service.record.whole()  # on a starved machine, some arrive twice, and newer ones before older ones
     assert [sample.sequence for sample in samples] == list(range(1, len(samples) + 1))
     assert {tuple(sample.quality) for sample in samples} == {(Quality.GOOD, Quality.SATURATED)}
     assert samples[-1].deflection_mm[0] == pytest.approx(0.1)
