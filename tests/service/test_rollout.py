@@ -1,5 +1,6 @@
 """Model files in stages: `models`, `take` and `take-back`, and the candidate that a running service compares."""
 
+import errno
 import json
 import os
 from hashlib import sha256
@@ -314,18 +315,27 @@ def test_the_names_survive_a_loss_of_power_in_their_order(files: Files, monkeypa
     ]
 
 
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (errno.ENOSPC, "No space left on device; type the command again"),
+        (errno.EROFS, "Read-only file system; the command must be able to write there"),
+        (errno.EACCES, "Permission denied; the command must be able to write there"),
+    ],
+    ids=["full", "read-only", "forbidden"],
+)
 def test_a_folder_that_cannot_be_written_is_named_and_nothing_changes(
-    files: Files, monkeypatch: pytest.MonkeyPatch
+    files: Files, monkeypatch: pytest.MonkeyPatch, number: int, told: str
 ) -> None:
     files.candidate.write_bytes(NEW)
 
     def fail(_self: Path, _target: object) -> None:
-        raise OSError(28, "No space left on device")
+        raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(Path, "replace", fail)
     code, said = files.take()
     assert (code, files.contents) == (1, {"model": OLD, "candidate": NEW})
-    assert said == f"beamtouch-service: {files.previous}: No space left on device; type the command again\n"
+    assert said == f"beamtouch-service: {files.previous}: {told}\n"
 
 
 def test_the_list_has_each_file_with_its_digest(files: Files, command: Command) -> None:

@@ -4,6 +4,7 @@ At each moment, the name of the model stands for a whole, checked model: whateve
 one is there, and the command can be typed again.
 """
 
+import errno
 import hashlib
 import json
 import re
@@ -219,7 +220,9 @@ def _writing(folder: Path) -> Iterator[None]:
         yield
         sync_folder(folder)
     except OSError as error:
-        raise FailedError(f"{error.filename or folder}: {error.strerror}; type the command again") from None
+        forbidden = error.errno in {errno.EACCES, errno.EPERM, errno.EROFS}
+        advice = "the command must be able to write there" if forbidden else "type the command again"
+        raise FailedError(f"{error.filename or folder}: {error.strerror}; {advice}") from None
 
 
 def _write(path: Path, content: bytes, like: Path) -> None:
