@@ -94,7 +94,7 @@ CONSOLE = {
     "docs/how-to/adc-module.md": 4,  # a device
     "docs/how-to/backup.md": 1,  # packages, systemd and root
     "docs/how-to/calibrate.md": 1,  # a person puts weights on the beam
-    "docs/how-to/containers.md": 4,
+    "docs/how-to/containers.md": 8,
     "docs/how-to/debian.md": 9,  # packages, systemd and root
     "docs/how-to/design.md": 1,  # minutes on all cores
     "docs/how-to/drift.md": 1,  # a line that is not that of the guide

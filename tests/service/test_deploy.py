@@ -79,6 +79,52 @@ def test_the_compose_file_starts_what_the_unit_of_podman_starts(name: str) -> No
     assert memory == composed.get("mem_limit")
 
 
+@pytest.mark.promise("docs/how-to/containers.md", "writes units of containers that you describe to it")
+@pytest.mark.parametrize("name", ["daemon", "service"])
+def test_the_containers_described_for_an_older_podman_are_those_of_the_units(name: str) -> None:
+    page = (DOCS / "how-to" / "containers.md").read_text().replace("\\\n", " ")
+    (common,) = re.findall(r'^\$ options="(.*)"$', page, re.MULTILINE)
+    (described,) = re.findall(rf"^\$ sudo podman create --name beamtouch-{name} (.*)$", page, re.MULTILINE)
+    lines = (FOLDER / "containers" / f"beamtouch-{name}.container").read_text().splitlines()
+    unit = [line.partition("=")[::2] for line in lines if "=" in line and not line.startswith("#")]
+    stated = dict(unit)
+    options, image, command = described.replace("$options", common).partition(stated["Image"])
+    assert image
+    assert command.split() == stated["Exec"].split()
+    words = options.split()
+    # A flag has no value, and --volume comes twice.
+    flags = [word for word in words if word == "--read-only"]
+    assert flags == ["--read-only"] * (stated["ReadOnly"] == "true")
+    words.remove("--read-only")
+    given = sorted(zip(words[::2], words[1::2], strict=True))
+    expected = [("--volume", value) for key, value in unit if key == "Volume"]
+    expected += [("--network", stated["Network"]), ("--cap-drop", stated["DropCapability"])]
+    expected += [("--secret", stated["Secret"])]
+    expected += [("--security-opt", "no-new-privileges")] * (stated["NoNewPrivileges"] == "true")
+    expected += [("--sdnotify", "container")] * (stated["Notify"] == "true")
+    memory = stated.get("PodmanArgs")
+    expected += [("--memory", memory.removeprefix("--memory="))] if memory else []
+    assert given == sorted(expected)
+
+
+def test_prometheus_takes_the_configuration_of_the_page_and_asks_often_enough(
+    tmp_path: Path,
+) -> None:
+    (block,) = re.findall(r"^```yaml\n(global:.*?)^```", (DOCS / "reference" / "metrics.md").read_text(), re.M | re.S)
+    config = yaml.safe_load(block)
+    # Grafana takes rates over a minute at least, as its data source assumes 15 s between two scrapes.
+    assert config["global"]["scrape_interval"] == "15s"
+    jobs = {one["job_name"] for one in config["scrape_configs"]}
+    assert jobs == set(re.findall(r"job=\"([\w-]+)\"", RULES.read_text()))
+    (tmp_path / "beamtouch-read-token").write_text("reading-horse-battery-staple")
+    (tmp_path / RULES.name).write_text(RULES.read_text())
+    (tmp_path / "prometheus.yml").write_text(block.replace("/etc/prometheus", str(tmp_path)))
+    promtool = require("promtool", "prometheus")
+    command = [promtool, "check", "config", str(tmp_path / "prometheus.yml")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_the_record_of_several_services_keeps_a_contact_each_2_s_for_its_days() -> None:
     events = load_settings(FOLDER / "service.toml", {}).events
     assert describe_kept_days(events)[0] == {"busy_days": events.keep_days}
