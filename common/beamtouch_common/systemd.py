@@ -27,13 +27,15 @@ class ServiceManager:
     def alive(self, status: str = "") -> None:
         """Report progress, once the start is complete: the first report starts the manager's clock."""
         if self._is_ready:
-            self._send("WATCHDOG=1" + (f"\nSTATUS={status}" if status else ""))
+            self._send("WATCHDOG=1" + (f"\nSTATUS={status}" if status else ""), wait_s=0.0)
 
-    def _send(self, text: str) -> None:
+    def _send(self, text: str, wait_s: float = 1.0) -> None:
         if not self._address:
             return
         address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+            # A manager, or what passes it on from a container, may not read: then this process goes on without it.
+            sender.settimeout(wait_s)
             try:
                 sender.sendto(text.encode(), address)
             except OSError:

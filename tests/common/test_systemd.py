@@ -1,5 +1,7 @@
 """Notifications to a manager that listens, one that is gone, and none."""
 
+import socket
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,27 @@ from beamtouch_common.systemd import ServiceManager
 def test_a_manager_that_is_gone_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
     ServiceManager().ready("two surfaces")
+
+
+@pytest.mark.timeout(60)
+def test_a_manager_that_does_not_read_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    address = str(tmp_path / "notify")
+    monkeypatch.setenv("NOTIFY_SOCKET", address)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(address)
+        told = ServiceManager()
+        told.ready("two surfaces")
+        kept = int(Path("/proc/sys/net/unix/max_dgram_qlen").read_text())
+        for _ in range(kept + 10):
+            told.alive()
+        told.stopping()
+        assert manager.recv(100) == b"READY=1\nSTATUS=two surfaces"
+        manager.setblocking(False)
+        with suppress(BlockingIOError):
+            while True:
+                assert manager.recv(100) == b"WATCHDOG=1"
+        told.alive("one surface")
+        assert manager.recv(100) == b"WATCHDOG=1\nSTATUS=one surface"
 
 
 def test_the_watchdog_of_another_process_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
