@@ -100,7 +100,7 @@ def test_only_the_user_reads_and_in_no_session_of_another_and_names_with_dots_ar
 
     async def take_over() -> None:
         async with connected(url, "scada", "a long password") as client:
-            stranger = Client(url, timeout=TIMEOUT_S)
+            stranger = Client(url, timeout=TIMEOUT_S, watchdog_intervall=TIMEOUT_S)
             await stranger.connect_socket()
             await stranger.send_hello()
             await stranger.open_secure_channel()
@@ -256,7 +256,7 @@ def test_subscriptions_end_with_the_session_of_their_client(start_press: StartSe
         await client.uaclient.session.create_subscription(seldom, lambda _message: None)
 
     async def use_up() -> None:
-        client = Client(url, timeout=TIMEOUT_S)
+        client = Client(url, timeout=TIMEOUT_S, watchdog_intervall=TIMEOUT_S)
         await asyncio.to_thread(wait_until, lambda: is_open(url))
         await client.connect()
         for _ in range(MOST_SUBSCRIPTIONS):
@@ -305,7 +305,7 @@ def test_with_a_certificate_only_trusted_clients_connect_and_only_encrypted(
 
     async def connect(certificate: Path, key: Path, named: bytes | None) -> set[str]:
         await asyncio.to_thread(wait_until, lambda: is_open(url))
-        client = Client(url, timeout=TIMEOUT_S)
+        client = Client(url, timeout=TIMEOUT_S, watchdog_intervall=TIMEOUT_S)
         client.application_uri = f"urn:{certificate.stem}"
         await client.set_security(SecurityPolicyBasic256Sha256, certificate, key)
         create = client.uaclient.create_session
