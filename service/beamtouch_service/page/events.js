@@ -1,6 +1,6 @@
 // The table of recent events: contacts, and stretches that nothing explains.
 
-import { byId, html } from "./dom.js";
+import { byId, html, setText } from "./dom.js";
 import { COLUMNS } from "./fields.js";
 import { inWords } from "./places.js";
 import { named, say } from "./say.js";
@@ -12,7 +12,7 @@ export class Events {
     this.timer = null;
     this.events = [];
     this.current = true; // whether an open event may be shown as going on
-    byId("events-head").replaceChildren(...COLUMNS.map(heading));
+    byId("events-head").replaceChildren(...COLUMNS.map(() => html("th", { scope: "col" })));
   }
 
   /** Ask now, and from now on every few seconds. */
@@ -42,6 +42,7 @@ export class Events {
   show(events) {
     this.events = events;
     byId("events-section").hidden = events.length === 0;
+    COLUMNS.forEach((column, index) => setText(byId("events-head").cells[index], heading(column)));
     const body = byId("events");
     const known = new Map([...body.rows].map((row) => [row.dataset.of, row]));
     events.forEach((event, index) => {
@@ -57,10 +58,10 @@ export class Events {
   }
 }
 
-/** The unit of times is their zone. */
+/** The unit of times is their zone, which is another one in summer. */
 function heading({ name, label, unit }) {
   const shown = name === "touched_at" ? zone() : unit;
-  return html("th", { scope: "col" }, shown ? `${named(label)}, ${shown}` : named(label));
+  return shown ? `${named(label)}, ${shown}` : named(label);
 }
 
 /** Return the cell of a column; null if the one beside it covers it. */

@@ -23,7 +23,7 @@ export class Health {
       const answer = await this.token.ask(`surfaces/${encodeURIComponent(surface)}`);
       const { health, wiring } = answer.ok ? await answer.json() : {};
       if (surface !== this.surface) return;
-      this.show([...(wiring ? [say`Wiring: ${heard(wiring)}.`] : []), ...sentences(health ?? {})]);
+      this.show([...(wiring ? [faultsOf(wiring)] : []), ...sentences(health ?? {})]);
     } catch {
       // The feed says that the connection is lost; what has changed is still changed.
     }
@@ -39,6 +39,9 @@ export class Health {
     byId("health").replaceChildren(...lines.map((line) => html("li", {}, line)));
   }
 }
+
+/** The fault of the wiring, or both that explain the contacts, in a sentence. */
+export const faultsOf = (wiring) => say`Wiring: ${wiring.split(", or ").map(heard).join(say`, or `)}.`;
 
 /** A sentence for each change of a sensor that is certain. `health`: name -> what the service says of it. */
 function sentences(health) {

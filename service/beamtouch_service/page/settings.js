@@ -14,7 +14,7 @@ function chosen(name) {
   return OFFERED[name].includes(value) ? value : null;
 }
 
-const spoken = () => navigator.languages.map((one) => one.slice(0, 2)).find((one) => OFFERED.language.includes(one));
+const spoken = () => navigator.languages.map((tag) => tag.split("-")[0]).find((one) => OFFERED.language.includes(one));
 
 export const settings = {
   language: chosen("language") ?? spoken() ?? OFFERED.language[0],
@@ -25,12 +25,13 @@ export const settings = {
 export const locale = { en: "en-GB", de: "de-DE" }[settings.language];
 export const timeZone = { device: undefined, utc: "UTC" }[settings.zone];
 
-/** Keep a choice on this device, and show the page anew with it. */
+/** Keep a choice on this device, and show the page anew with it; return false if the browser forbids to keep it. */
 export function choose(name, value) {
   try {
     window.localStorage.setItem(key(name), value);
   } catch {
-    return;
+    return false;
   }
   window.location.reload();
+  return true;
 }

@@ -1,7 +1,7 @@
 // The words that stand in the document itself, and the choice of language and zone below them.
 
 import { byId, html } from "./dom.js";
-import { named, say } from "./say.js";
+import { language, named, say } from "./say.js";
 import { choose, settings } from "./settings.js";
 
 const CHOICES = {
@@ -12,7 +12,7 @@ const ATTRIBUTE = "aria-label";
 
 /** Put the document into the language of the page. To be called before anything else is written into it. */
 export function translate() {
-  document.documentElement.lang = settings.language;
+  document.documentElement.lang = language;
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (walker.nextNode()) {
     const text = walker.currentNode;
@@ -30,6 +30,8 @@ export function offerSettings() {
     const list = byId(name);
     list.replaceChildren(...choices.map(([value, words]) => html("option", { value }, words)));
     list.value = settings[name];
-    list.addEventListener("change", () => choose(name, list.value));
+    list.addEventListener("change", () => {
+      if (!choose(name, list.value)) list.value = settings[name];
+    });
   }
 }

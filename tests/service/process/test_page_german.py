@@ -2,7 +2,8 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from html.parser import HTMLParser
 from importlib import resources
 from typing import Any
@@ -11,6 +12,9 @@ import numpy as np
 import pytest
 
 from beamtouch_models.runtime import State
+from beamtouch_models.runtime.decision.wrong_channels import wiring_faults
+from beamtouch_service.access import Access, Role
+from beamtouch_service.api.context import Streams
 from beamtouch_service.commissioning.pressing import Stage
 from beamtouch_service.commissioning.report import Finding, PlaceResult
 from beamtouch_service.commissioning.run import CommissioningRun
@@ -23,20 +27,26 @@ from beamtouch_service.commissioning.verdict import (
     judge_sensors,
 )
 from beamtouch_service.commissioning.wiring import Explanation, Wiring
-from beamtouch_service.problems import Kind, Problem
+from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces import surface_problems
 from beamtouch_service.surfaces.channels import ChannelHealth, ChannelOut
+from beamtouch_service.surfaces.contact import UnusableEstimateError, figures_of
 from service.process.beam_page import StartBench
 from service.process.conftest import StartService
 from support.pages.browser import OpenPage, Watched
+from support.running.waiting import wait_until
 from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
 PAGE = resources.files("beamtouch_service") / "page"
 NAMES = ("s1", "s2", "s3", "s4")
 SINCE = "2026-11-20T23:40:46.000Z"
 HEARD = "async texts => { const { heard } = await import('/say.js'); return texts.map(heard); }"
-SENTENCES = re.compile(r"(?<=[.?!]) (?=[A-Z])")
+ENGLISH = re.compile(
+    r"\b(the|is|it|of|or|and|that|this|are|has|have|check|give|go|press|wait|take|look|put|swap|measure|repeat|close|ask"
+    r"|beam|plate|with|within|than|should|seems?|unexplained|saturated|out-of-range|too few|no usable)\b(?!-)",
+    re.IGNORECASE,
+)
 UNSAID = {Kind.NOT_READY, Kind.UNKNOWN_EVENT, Kind.WRONG_REPLICA, Kind.SURFACE_REQUIRED, Kind.MISSING_CHANNELS}
 UNSAID |= {Kind.MALFORMED_JSON, Kind.INVALID_REQUEST, Kind.MALFORMED_ENCODING, Kind.UNKNOWN_ENCODING, Kind.TOO_LARGE}
 UNSAID |= {Kind.TOO_SLOW, Kind.NOT_FOUND, Kind.METHOD_NOT_ALLOWED, Kind.OTHER_NAME}
@@ -44,7 +54,7 @@ UNSAID |= {Kind.TOO_SLOW, Kind.NOT_FOUND, Kind.METHOD_NOT_ALLOWED, Kind.OTHER_NA
 
 
 def open_german(open_page: OpenPage, url: str, **options: Any) -> Watched:  # noqa: ANN401  # options of a browser
-    return open_page(url, locale="de-DE", **options)
+    return open_page(url, locale="de-AT", **options)
 
 
 class Words(HTMLParser):
@@ -96,9 +106,10 @@ def test_each_sentence_of_the_page_has_a_german_one(start_service: StartService,
     for listed in words.values():
         for english, german in listed.items():
             numbers = [int(number) for number in re.findall(r"\{(\d)\}", german)]
-            assert len(re.findall(r"\{\d?\}", german)) <= english.count("{}"), german
-            assert all(1 <= number <= english.count("{}") for number in numbers), german
-            assert "{}" not in german or german.count("{}") == english.count("{}"), german
+            blanks = len(re.findall(r"\{(?:word)?\}", english))
+            assert len(re.findall(r"\{\d?\}", german)) <= blanks, german
+            assert all(1 <= number <= blanks for number in numbers), german
+            assert "{}" not in german or german.count("{}") == blanks, german
 
 
 def prompts(plate: bool) -> Iterator[str]:
@@ -175,6 +186,7 @@ def problems() -> Iterator[str]:
     bad = {"s1": Quality.SATURATED, "s2": Quality.OUT_OF_RANGE}
     each: list[Problem] = [
         surface_problems.no_model("press-7", None),
+        surface_problems.no_model("press-7", "/models/press-7.onnx"),
         surface_problems.no_samples("press-7"),
         surface_problems.other_beam("press-7", beam, "beam-1"),
         surface_problems.other_beam("press-7", plate, "plate-1"),
@@ -188,25 +200,52 @@ def problems() -> Iterator[str]:
         surface_problems.unexplained("press-7", "beam", 5.0, None, None),
         surface_problems.unexplained("press-7", "plate", 5.0, None, None),
     ]
+    for position_mm in (712.0, float("nan")):
+        with pytest.raises(UnusableEstimateError) as unusable:
+            figures_of(dict.fromkeys(("position_mm", "position_low_mm", "position_high_mm"), position_mm), beam.outline)
+        each.append(surface_problems.unusable_estimate("press-7", f"For the newest sample, {unusable.value}."))
     yield from (one.detail for one in each)
     yield from (kind.title for kind in Kind if kind not in UNSAID)
+
+
+def refusals() -> Iterator[str]:
+    access = Access.of(write="w", read="r", admin="a")
+    calls: list[Callable[[], object]] = [
+        lambda: access.require(Role.ADMIN, b"Bearer r"),
+        lambda: access.require(Role.ADMIN, b"Bearer w"),
+        lambda: access.require(Role.ADMIN, b"Bearer unknown"),
+        lambda: Access().require(Role.ADMIN, b"Bearer w"),
+        Streams(max_open=0).admit,
+        Streams(is_stopping=True).admit,
+    ]
+    for call in calls:
+        with pytest.raises(ProblemError) as refusal:
+            call()
+        yield refusal.value.problem.detail
 
 
 @pytest.mark.promise("docs/reference/page.md", "in English or in German, also what the service says")
 def test_what_the_service_says_is_said_in_german(start_service: StartService, open_page: OpenPage) -> None:
     seen = open_german(open_page, start_service().url)
-    texts = [*problems(), *prompts(plate=False), *prompts(plate=True), *verdicts("beam"), *verdicts("plate"), *places()]
-    texts = [one for text in dict.fromkeys(texts) for one in SENTENCES.split(text) if one]
+    wirings = (wiring.text for wiring in wiring_faults(list(NAMES)))
+    told = [*prompts(plate=False), *prompts(plate=True), *verdicts("beam"), *verdicts("plate"), *places()]
+    texts = [text for text in dict.fromkeys([*problems(), *refusals(), *wirings, *told]) if text]
     german: list[str] = seen.page.evaluate(HEARD, texts)
-    assert [one for one, other in zip(texts, german, strict=True) if one == other] == []
-    english = re.compile(
-        r"\b(the|is|it|of|check|beam|plate|with|within|than|should|unexplained|too few|no usable)\b(?!-)"
-    )
-    assert [one for one in german if english.search(one)] == []
+    assert [text for text, other in zip(texts, german, strict=True) if text == other or ENGLISH.search(other)] == []
     unknown, silent = "A press and a beam. Of mine.", f"{Kind.NO_SAMPLES.title}. Go on once samples come again."
     said = seen.page.evaluate(HEARD, [unknown, silent])
     wanted = "Die Oberfläche hat noch keine Messwerte. Machen Sie weiter, sobald wieder Messwerte kommen."
     assert said == [unknown, wanted], "what is not known stays whole"
+    named = surface_problems.too_few_channels("press-7", 0, 2, {"clear": Quality.STUCK, "Check": Quality.MISSING})
+    wanted = "Nur 0 Kanäle funktionieren; das Modell braucht 2. Prüfen Sie clear (hängt), Check (fehlt)."
+    assert seen.page.evaluate(HEARD, [named.detail]) == [wanted], "names stay, whatever they are"
+    both = "s1 and s2 seem to be swapped, or s3 and s4 seem to be swapped"
+    words = seen.page.evaluate("async both => (await import('/health.js')).faultsOf(both)", both)
+    assert words == "Verdrahtung: s1 und s2 scheinen vertauscht zu sein oder s3 und s4 scheinen vertauscht zu sein."
+    seen.page.route("**/german.js", lambda route: route.abort())
+    seen.page.reload()
+    seen.wait_for_text("headline", "The service has no surface")
+    assert seen.page.get_attribute("html", "lang") == "en", "the page works without the German words"
 
 
 def test_names_stay_as_they_are_whatever_they_are(start_bench: StartBench, open_page: OpenPage) -> None:
@@ -236,16 +275,21 @@ def test_language_and_zone_are_chosen_below_and_stay_for_the_next_time(
     bench = start_bench(sections="degraded_after_s = 0.2")
     bench.load()
     bench.send([0.0, None, 0.0, 0.0])
-    seen = open_page(bench.service.url, timezone_id="Asia/Tokyo")
+    seen = open_page(bench.service.url, timezone_id="Europe/Berlin")
     seen.wait_for_text("events-title", "Recent events")
 
     def heading() -> str:
         return seen.page.inner_text("#events-head th >> nth=0")
 
+    def shows(wanted: str) -> bool:
+        return re.fullmatch(wanted, heading()) is not None
+
     bench.load((150.0, 10.0))
     seen.wait_for_state("contact")
     seen.page.wait_for_selector("#events tr")
-    assert heading() == "Began at, GMT+9"
+    for at, zone in (("2026-12-01T12:00Z", "GMT+1|CET"), ("2027-07-01T12:00Z", "GMT+2|CEST")):
+        seen.page.clock.set_fixed_time(at)
+        wait_until(partial(shows, f"Began at, ({zone})"), pause_s=0.1)
     seen.page.select_option("#zone", "utc")
     seen.page.wait_for_function("() => document.querySelector('#events-head th')?.innerText === 'Began at, UTC'")
     seen.page.select_option("#language", "de")
@@ -254,3 +298,8 @@ def test_language_and_zone_are_chosen_below_and_stay_for_the_next_time(
     again = seen.beside()
     again.wait_for_text("headline", "Kontakt")
     assert again.page.input_value("#zone") == "utc"
+    again.page.add_init_script("Object.defineProperty(window, 'localStorage', { get() { throw new Error(); } })")
+    again.page.reload()
+    again.wait_for_text("headline", "Contact")
+    again.page.select_option("#language", "de")
+    assert again.page.input_value("#language") == "en", "a choice that cannot be kept is not shown as taken"
