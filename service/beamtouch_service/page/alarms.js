@@ -35,11 +35,11 @@ export class Alarms {
     this.timer = setTimeout(() => this.follow(isShared), AGAIN_MS);
   }
 
-  /** Only what is new is written: a screen reader announces it once. */
+  /** Only what is new is written: a screen reader announces it once. After midnight each time has its day, too. */
   show(alarms) {
     const now = new Date();
     this.seen = new Map(alarms.map(({ key }) => [key, this.seen.get(key) ?? now]));
-    const text = JSON.stringify(alarms.map(({ key, since }) => [key, since]));
+    const text = JSON.stringify(alarms.map(({ key, since }) => [key, inZone(since ?? this.seen.get(key))]));
     if (text === this.said) return;
     this.said = text;
     const rest = alarms.length - MOST;

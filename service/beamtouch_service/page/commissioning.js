@@ -6,7 +6,7 @@ import { below, own, PLAIN } from "./answer.js";
 import { byId, html, setText, sign, svg } from "./dom.js";
 import { inWords } from "./places.js";
 import { heard, say } from "./say.js";
-import { dayAndTime } from "./times.js";
+import { inZone } from "./times.js";
 import { possible, refuses } from "./token.js";
 
 const EVERY_MS = 300;
@@ -232,7 +232,7 @@ const passed = (report) => (report.passed ? say`passed` : say`not passed`);
 
 function summary(report) {
   const verdict = report.verdict.map(heard).join(" ");
-  return say`${passed(report)}, ${dayAndTime(report.ended_at)}, by ${report.by}. ${verdict}`;
+  return say`${passed(report)}, ${inZone(report.ended_at)}, by ${report.by}. ${verdict}`;
 }
 
 /** The steps as a list; its items stay, only what changed in them is written. */

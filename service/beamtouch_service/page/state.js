@@ -3,7 +3,7 @@
 import { noted } from "./notes.js";
 import { axesOf, inWords, placeOf } from "./places.js";
 import { heard, say } from "./say.js";
-import { clock } from "./times.js";
+import { inZone } from "./times.js";
 
 // Of these problems the channels are as new as ever.
 const CURRENT = ["too-few-channels", "unusable-estimate"];
@@ -28,7 +28,7 @@ export function describe(feed) {
   const size = { length: shape?.length_mm ?? null, width: shape?.width_mm ?? null };
   const nothing = { contact: null, channels: stripped(shape), ...size, age: null };
   if (feed.link === "lost") {
-    return { ...nothing, kind: "lost", title: say`No connection since ${clock(feed.since)}`, detail: `${feed.why} ${say`Trying again.`}`.trim() };
+    return { ...nothing, kind: "lost", title: say`No connection since ${inZone(feed.since)}`, detail: `${feed.why} ${say`Trying again.`}`.trim() };
   }
   if (feed.link === "locked") return { ...nothing, kind: "locked", title: say`A reading token is needed`, detail: ASK };
   if (!message) return { ...nothing, kind: "waiting", title: say`Connecting`, detail: "" };

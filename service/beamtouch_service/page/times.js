@@ -19,9 +19,6 @@ export const zone = () =>
 /** Return the time of a day, without its zone. */
 export const clock = (date) => date.toLocaleTimeString(locale, { timeZone });
 
-/** Return day and time, without the zone. */
-export const dayAndTime = (at) => new Date(at).toLocaleString(locale, { timeZone });
-
 /** Return the day in words, with its year unless that is this one. */
 export function day(at) {
   const [date, now] = [new Date(at), new Date()];

@@ -186,7 +186,7 @@ def test_without_a_connection_no_contact_is_shown_as_going_on(fresh: Service, op
     fresh.process.kill()
     seen.wait_for_state("lost")
     assert durations(seen) == ["≥ 0.0"]
-    assert re.fullmatch(r"No connection since \d\d:\d\d:\d\d", seen.text("headline"))
+    assert re.fullmatch(r"No connection since \d\d:\d\d:\d\d [A-Z]{3}\S*", seen.text("headline")), "with the zone"
     assert seen.page.title().startswith("No connection")
     assert (seen.text("position"), seen.text("age")) == (NO_FIGURE, NO_FIGURE)
 
