@@ -23,6 +23,7 @@ from support.surfaces.example_scenes import SCENES
 from system.test_rollout_line import BENT, REAL, SCRIPT, Controller, Rollout, calibrated, fingerprint
 
 SETTLED_S = 3.0
+"""Before the client asks, the contact settles; at the end, the model that was taken back answers for so long."""
 PATIENCE_S = 300.0
 
 

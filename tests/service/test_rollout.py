@@ -1,4 +1,4 @@
-"""Model files in stages: `models`, `take` and `take-back`, and the candidate that a running service compares."""
+"""Model files in stages: the commands `models`, `take` and `take-back`."""
 
 import errno
 import json
@@ -10,43 +10,10 @@ import pytest
 
 from beamtouch_models.runtime.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
-from beamtouch_service.host import models, rollout
-from beamtouch_service.host.candidates import CandidateKeeper
-from beamtouch_service.host.models import ModelKeeper
-from beamtouch_service.problems import ProblemError
-from service.bench import parsed, surface_with
-from service.event_story import RESTING, TOUCHING
+from service.staged_files import BAD, NEW, NEWER, OLD, Files
 from support.programs.in_process import Command, command_of
+from support.running.debian_parts import give_up
 from support.surfaces.small_model import content_of, model_of
-
-OLD, NEW, NEWER = content_of("old"), content_of("new"), content_of("newer")
-OTHER_BEAM = content_of("new", beam="beam-2")
-
-
-class Files:
-    """The files of one surface, and the commands on them."""
-
-    def __init__(self, folder: Path, command: Command) -> None:
-        self.folder, self.command = folder, command
-        self.config = folder / "service.toml"
-        self.config.write_text("[surfaces.press-7]\nmodel = 'press-7.onnx'\n")
-        self.model = folder / "press-7.onnx"
-        self.candidate, self.previous = rollout.candidate_of(self.model), rollout.previous_of(self.model)
-        self.model.write_bytes(OLD)
-
-    def take(self, *options: str, command: str = "take") -> tuple[object, str]:
-        """Return exit code and what is said, on both streams."""
-        outcome = self.command(command, "--config", self.config, "press-7", *options)
-        return outcome.returncode, outcome.stdout + outcome.stderr
-
-    def take_back(self) -> tuple[object, str]:
-        return self.take(command="take-back")
-
-    @property
-    def contents(self) -> dict[str, bytes]:
-        """The files of the folder by the middle of their name, but for the configuration."""
-        names = {"press-7.onnx": "model", "press-7.candidate.onnx": "candidate", "press-7.previous.onnx": "previous"}
-        return {names.get(one.name, one.name): one.read_bytes() for one in self.folder.glob("*onnx*")}
 
 
 @pytest.fixture
@@ -123,9 +90,10 @@ def test_the_files_keep_the_permissions_of_the_model(files: Files) -> None:
     assert {one.stat().st_mode & 0o777 for one in (files.model, files.previous)} == {0o644}
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give a file to another user")
 def test_the_files_belong_to_whom_the_model_belongs(files: Files) -> None:
     """`take` is typed by root, and a model may be readable by the group of the service only."""
+    if os.geteuid() != 0:
+        give_up("only root may give a file to another user")
     files.model.chmod(0o640)
     os.chown(files.model, 0, 4711)
     files.candidate.write_bytes(NEW)
@@ -165,16 +133,6 @@ def test_a_candidate_of_another_digest_is_not_taken(files: Files) -> None:
     assert digest in files.take("--digest", "0" * 64)[1]
     assert files.take("--digest", digest[:6].upper())[0] == 0
     assert files.contents == {"model": NEW, "previous": OLD}
-
-
-BAD = {
-    "damaged or not an ONNX file": NEW[: len(NEW) // 2],
-    "the file is empty": b"",
-    "golden answers": NEW.replace(b"130.", b"131."),
-    "a service needs more outputs than it has": content_of("new", outputs=("position_mm",)),
-    "it is of beam beam-2, the model in use of beam-1": OTHER_BEAM,
-    "is the model in use already": OLD,
-}
 
 
 @pytest.mark.promise("docs/how-to/rollout.md", "Otherwise it says so in one line, exits with 2, and changes nothing.")
@@ -361,143 +319,3 @@ def test_the_list_has_each_file_with_its_digest(files: Files, command: Command) 
     assert (listed["candidate"], listed["previous"]) == (None, None)
     files.config.write_text("[surfaces.press-7]\n")
     assert command("models", "--config", files.config).stdout == "no model files\n"
-
-
-class Kept(CandidateKeeper):
-    """The keeper of the candidate of a surface."""
-
-    def __init__(self, files: Files) -> None:
-        self.surface = surface_with(models.load(files.model))
-        self.of_model = ModelKeeper(self.surface, files.model, models.stamp_of(files.model))
-        super().__init__(self.of_model)
-
-    async def polls(self, content: bytes | None = None, times: int = 3) -> None:
-        if content is not None:
-            self.path.write_bytes(content)
-        for _ in range(times):
-            await self.of_model.poll(models.stamp_of(self.of_model.path))
-            await self.poll(models.stamp_of(self.path))
-
-    @property
-    def compared(self) -> str | None:
-        shadow = self.surface.shadow
-        return shadow.model.identity.partition("@")[0] if shadow else None
-
-    @property
-    def state(self) -> list[str | None]:
-        """Name of the candidate that is compared, and why none is."""
-        return [self.compared, self.surface.candidate_error]
-
-
-@pytest.fixture
-def kept(files: Files) -> Kept:
-    return Kept(files)
-
-
-@pytest.mark.anyio
-async def test_a_candidate_is_compared_until_it_is_gone(kept: Kept) -> None:
-    await kept.polls()
-    assert kept.state == [None, None]
-    await kept.polls(NEW, times=1)
-    assert kept.compared is None
-    await kept.polls()
-    shadow = kept.surface.shadow
-    assert kept.state == ["new", None]
-    await kept.polls()
-    assert kept.surface.shadow is shadow
-    await kept.polls(NEWER)
-    assert kept.compared == "newer"
-    kept.path.unlink()
-    await kept.polls(times=1)
-    assert kept.state == [None, None]
-    # It may come back as it was.
-    await kept.polls(NEWER)
-    assert kept.compared == "newer"
-
-
-@pytest.mark.anyio
-@pytest.mark.promise("docs/how-to/rollout.md", "The same file copied again begins nothing anew")
-async def test_the_same_candidate_copied_again_is_compared_on(kept: Kept) -> None:
-    """A timer may copy it every minute."""
-    await kept.polls(NEW)
-    shadow = kept.surface.shadow
-    assert shadow
-    kept.path.unlink()
-    await kept.polls(NEW)
-    assert kept.surface.shadow is shadow
-    shadow.error = "it has ended"
-    await kept.polls()
-    assert kept.surface.shadow is shadow
-    kept.path.unlink()
-    await kept.polls(NEW)
-    assert kept.compared == "new"
-    assert kept.surface.shadow is not shadow
-
-
-@pytest.mark.anyio
-@pytest.mark.promise("docs/how-to/rollout.md", "A candidate that cannot be used changes nothing")
-async def test_a_candidate_that_cannot_be_used_is_named_once(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    reasons = {complaint: content for complaint, content in BAD.items() if content not in (OLD, OTHER_BEAM)} | {
-        "it is the model in use": OLD,
-        "it is of beam beam-2, the model in use is of beam beam-1": OTHER_BEAM,
-        "it needs s4, s5, but the samples of this surface lack them": content_of("new", channels=5),
-    }
-    kept.surface.receive(parsed(RESTING), 10.0)
-    for number, (complaint, content) in enumerate(reasons.items(), 1):
-        await kept.polls(content, times=5)
-        assert kept.compared is None
-        assert complaint in str(kept.surface.candidate_error)
-        assert complaint in caplog.messages[-1]
-        assert len(caplog.messages) == number
-        assert kept.surface.model_error is None
-
-
-@pytest.mark.anyio
-async def test_a_comparison_outlasts_samples_that_are_refused(kept: Kept) -> None:
-    await kept.polls(NEW)
-    kept.surface.receive(parsed(RESTING, TOUCHING, sequence=1), 10.0)
-    with pytest.raises(ProblemError):
-        kept.surface.receive(parsed(TOUCHING, sequence=3, channels=["s1", "s2", "t3"]), 10.1)
-    await kept.polls()
-    assert "it needs s3, but the samples of this surface lack them" in str(kept.surface.candidate_error)
-    kept.surface.receive(parsed(TOUCHING, sequence=3), 10.2)
-    await kept.polls()
-    assert kept.surface.candidate_error is None
-    assert kept.surface.shadow
-    assert kept.surface.shadow.comparison.samples == 3
-
-
-@pytest.mark.anyio
-async def test_what_is_taken_is_in_use_and_compared_no_longer(kept: Kept, files: Files) -> None:
-    await kept.polls(NEW)
-    kept.surface.receive(parsed(TOUCHING), 10.0)
-    files.take()
-    await kept.polls()
-    assert kept.surface.model
-    assert kept.surface.model.identity == model_of("new").identity
-    assert kept.compared is None
-    files.take_back()
-    await kept.polls()
-    assert kept.surface.model.identity == model_of("old").identity
-    assert kept.compared == "new"
-
-
-@pytest.mark.anyio
-async def test_another_model_begins_the_comparison_anew(kept: Kept, files: Files) -> None:
-    await kept.polls(NEW)
-    shadow = kept.surface.shadow
-    files.model.write_bytes(NEWER)
-    await kept.polls()
-    assert kept.compared == "new"
-    assert kept.surface.shadow is not shadow
-
-
-@pytest.mark.anyio
-async def test_without_a_model_in_use_there_is_nothing_to_compare(files: Files) -> None:
-    surface = surface_with(None)
-    surface.model_error = "damaged"
-    keeper = CandidateKeeper(ModelKeeper(surface, files.model, None))
-    files.candidate.write_bytes(NEW)
-    for _ in range(3):
-        await keeper.poll(models.stamp_of(keeper.path))
-    assert "there is no model in use to compare it with" in str(surface.candidate_error)

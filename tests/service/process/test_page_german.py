@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from html.parser import HTMLParser
 from importlib import resources
-from typing import Any
 
 import numpy as np
 import pytest
@@ -53,7 +52,7 @@ UNSAID |= {Kind.TOO_SLOW, Kind.NOT_FOUND, Kind.METHOD_NOT_ALLOWED, Kind.OTHER_NA
 """Answers to what the page never asks."""
 
 
-def open_german(open_page: OpenPage, url: str, **options: Any) -> Watched:  # noqa: ANN401  # options of a browser
+def open_german(open_page: OpenPage, url: str, **options: object) -> Watched:
     return open_page(url, locale="de-AT", **options)
 
 

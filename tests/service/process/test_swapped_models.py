@@ -58,8 +58,9 @@ def test_a_light_contact_stays_one_while_models_are_taken_and_taken_back(
     def run(word: str) -> int:
         return cli.main([word, "--config", str(tmp_path / "service.toml"), "press-7"])
 
-    def candidate() -> Any:  # noqa: ANN401  # JSON
-        return server.http.get("/surfaces/press-7/candidate").json()
+    def candidate() -> dict[str, Any]:
+        said: dict[str, Any] = server.http.get("/surfaces/press-7/candidate").json()
+        return said
 
     wait_until(lambda: candidate()["candidate"] == new, PATIENCE_S)
     contact.send(BETWEEN)
