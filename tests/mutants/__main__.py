@@ -3,7 +3,7 @@
 A sample is drawn with a seed from all positions where cosmic-ray can change the code. For each, the tests that run its
 line are tried, those that are quick and narrow first, some 60 seconds of them; a mutant that only the rest of the suite
 would see counts as not caught. Mutants that change nothing anyone could see are listed with the reason in
-`equivalent.toml` and count neither way. Which tests run a line is measured first, if packages or tests have changed.
+`equivalent/` and count neither way. Which tests run a line is measured first, if packages or tests have changed.
 Returns 130 if it is interrupted; no process of a test outlives it.
 """
 
@@ -16,7 +16,6 @@ import re
 import signal
 import sys
 import tempfile
-import tomllib
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from faults.copies import PACKAGES, ROOT, Outcome, copy_tree, run_tests
 from mutants.covering import Covering, collect
+from mutants.equivalents import reasons
 from mutants.positions import Mutant, sample
 
 KEPT = ROOT / "build" / "mutants"
@@ -117,7 +117,7 @@ async def _try_in(copy: Path, waiting: list[Mutant], covering: Covering) -> list
 
 async def _judge(copy: Path, mutant: Mutant, covering: Covering) -> Judged:
     """Run the tests of a mutant until one fails."""
-    if why := _equivalents().get((mutant.file, mutant.before.strip(), mutant.after.strip())):
+    if why := reasons().get((mutant.file, mutant.before.strip(), mutant.after.strip())):
         return Judged(mutant, EQUIVALENT, why, 0.0)
     tests = covering.tests_of(mutant.file, mutant.line, mutant.last_line, TESTS_S)
     path = copy / mutant.file
@@ -144,12 +144,6 @@ async def _run(copy: Path, tests: Sequence[str]) -> Outcome:
         whole = list(dict.fromkeys(re.sub(r"\[.*", "", test) for test in tests))
         outcome = await run_tests(copy, whole, *options, timeout_s=MUTANT_TIMEOUT_S)
     return outcome
-
-
-def _equivalents() -> dict[tuple[str, str, str], str]:
-    """Return why a mutant changes nothing, by file and lines before and after."""
-    listed = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text())["equivalent"]
-    return {(one["file"], one["before"].strip(), one["after"].strip()): one["why"] for one in listed}
 
 
 def show(judged: Judged) -> None:
