@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.design.calibration.recordings import MAX_CONTACTS, UnlabelledContacts, read_contacts
+from beamtouch_models.design.calibration.recordings import UnlabelledContacts, read_contacts
 from beamtouch_models.runtime import ModelFile
 
 BEGIN = datetime(2026, 11, 22, tzinfo=UTC)
-MORE = 25
+MAX_CONTACTS, MORE = 2000, 25
 UNIT_MM = 1e-5
 """The first channel of contact number n moves by n times this."""
 

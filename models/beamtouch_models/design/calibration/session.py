@@ -153,7 +153,9 @@ class Session:
         for channel in channels.tolist():
             if bend_of(channel) in kinds:
                 slopes[:, channel, self.kinds[bend_of(channel)]] = self._bend_units_mm[:, :, channel]
-        return slopes * np.isfinite(loads.measured_mm)[..., None]
+        # The bend of a deflection that was not measured is not a number.
+        there: Floats = np.where(np.isfinite(loads.measured_mm)[..., None], slopes, 0.0)
+        return there
 
     @cached_property
     def _left_open_mm(self) -> Floats:

@@ -180,7 +180,7 @@ class PositionError:
         """Yield what the score of a layout without regard to other loads is at most, the score itself at last."""
         working, worst = (1 - self.failed_share), 0.0
         error = self.with_all.of(layout) if working else 0.0
-        yield -(error if working else 0.0)  # fewer sensors do not err less
+        yield -error  # fewer sensors do not err less
         if not self.failed_share or len(layout) == 1:
             return
         order = sorted(range(len(layout)), key=lambda index: index not in self.missed_most)
