@@ -84,7 +84,7 @@ def test_what_is_stated_of_a_fit_follows_from_its_residuals(fitted: Fit) -> None
         used += np.trace(slopes.T @ np.linalg.inv(covariance) @ slopes @ own)
         predicted += np.trace(slopes @ own @ slopes.T)
         left, _, covariance = dense(fitted, stated, load)
-        squares += left @ np.linalg.solve(covariance, left)
+        squares += float(left @ np.linalg.solve(covariance, left))
         # The same load by the others alone.
         precision, pull = precision_of(fitted, load)
         left, slopes, _ = dense(fitted, fitted.errors, load)

@@ -207,7 +207,7 @@ def _log_ticks(low: float, high: float) -> tuple[float, ...]:
     return tuple(value for value in values if low <= value <= high)
 
 
-def _grid(x: Axis, y: Axis, *, y_labels: bool = True) -> Iterable[str]:
+def _grid(x: Axis, y: Axis, *, y_labels: bool) -> Iterable[str]:
     left, right, bottom, top = x.start_px, x.end_px, y.start_px, y.end_px
     free = -math.inf
     for tick in x.ticks:
