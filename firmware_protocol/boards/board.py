@@ -173,12 +173,16 @@ class Ads1115Chips:
 
     def _finish(self, address: int, _: int) -> int:
         begin_us = time.ticks_us()
-        while time.ticks_diff(time.ticks_us(), begin_us) < CONVERSION_TIMEOUT_US:
+        is_late = False
+        while True:
             self._bus.readfrom_mem_into(address, 1, self._word)
             if self._word[0] & 0x80:  # it converts no more
                 self._bus.readfrom_mem_into(address, 0, self._word)
                 return max(0, struct.unpack(">h", self._word)[0])  # noise around 0 V is negative
-        raise OSError("it does not finish")
+            if is_late:
+                raise OSError("it does not finish")
+            # Whoever was held up, by an interrupt or by other programs, asks once more.
+            is_late = time.ticks_diff(time.ticks_us(), begin_us) >= CONVERSION_TIMEOUT_US
 
 
 class Light:

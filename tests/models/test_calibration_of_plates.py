@@ -42,6 +42,10 @@ def loads(model: ModelFile, real: Imperfections) -> Loads:
     return replace(plain, force_n=plain.force_n * lighter, measured_mm=plain.measured_mm * lighter[:, None])
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "fits gains, the places of the sensors along both axes, each spring, a curved characteristic and offsets",
+)
 def test_sixteen_loads_tell_a_plate_with_the_errors_that_the_fit_states(
     model: ModelFile, real: Imperfections, loads: Loads
 ) -> None:
@@ -68,6 +72,10 @@ def test_sixteen_loads_tell_a_plate_with_the_errors_that_the_fit_states(
         assert np.all(np.abs(np.array(said) - np.array(true)) < 3.5 * errors[kind]), kind
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "A load that contradicts the others",
+)
 @pytest.mark.soak
 def test_a_mistyped_load_on_a_plate_is_named(model: ModelFile, loads: Loads) -> None:
     place_mm = loads.place_mm.copy()
@@ -76,6 +84,10 @@ def test_a_mistyped_load_on_a_plate_is_named(model: ModelFile, loads: Loads) -> 
         checked_fit(model, replace(loads, place_mm=place_mm), silent)
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "a pan that was not weighed",
+)
 def test_a_pan_and_a_shift_of_all_loads_are_said_with_their_sizes(model: ModelFile, loads: Loads) -> None:
     nominal = NominalSurface.of(model.metadata)
     wrong = replace(loads, force_n=loads.force_n - 1.0, place_mm=loads.place_mm - np.array([6.0, -4.0]))
@@ -87,6 +99,10 @@ def test_a_pan_and_a_shift_of_all_loads_are_said_with_their_sizes(model: ModelFi
     assert "mm farther down than stated, as if x_mm and y_mm were not measured from the lower left" in told["places"]
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "swapped cables, and places that are measured from another corner are named as for a beam.",
+)
 @pytest.mark.soak
 def test_another_corner_and_swapped_cables_are_named(model: ModelFile, loads: Loads) -> None:
     nominal, names = NominalSurface.of(model.metadata), list(model.channels)
@@ -123,6 +139,10 @@ def test_a_file_of_a_beam_and_places_off_the_range_are_refused(model: ModelFile,
         read_loads(path, model.metadata)
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "`calibrate --events` refuses a plate.",
+)
 def test_contacts_of_unknown_places_are_for_one_axis(
     design_sensors_here: Command, plate_model: Path, tmp_path: Path
 ) -> None:

@@ -29,6 +29,10 @@ def test_corners_are_points_rigid_or_springs(stiffness: float | None, kind: str)
     assert {(one["kind"], "end_mm" in one) for one in found} == {(kind, False)}
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "With one of them it is a line across the whole plate.",
+)
 def test_edges_are_lines_across_the_whole_plate() -> None:
     found = drawn([{"x_mm": 20}, {"y_mm": 290, "stiffness_n_per_mm": 50}, {"x_mm": 380, "y_mm": 10}])
     ends = [(one["at_mm"], one["across_mm"], one.get("end_mm"), one["kind"]) for one in found]

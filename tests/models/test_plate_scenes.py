@@ -77,6 +77,10 @@ def test_a_wrong_plate_is_refused_in_one_line(tables: dict[str, Any], message: s
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "A contact on a plate has three unknowns",
+)
 @pytest.mark.parametrize(
     ("count", "force_n", "told"),
     [
@@ -105,6 +109,11 @@ def test_keys_of_plates_are_refused_on_beams() -> None:
         make_scene(beam=beam, contact=contact, sensors={**noise, "fixed": [{"x_mm": 1, "y_mm": 1}]})
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "A plate that bends by more than half its thickness",
+    "is refused, because linear theory does not hold there.",
+)
 def test_a_plate_that_bends_by_more_than_half_its_thickness_is_refused_and_the_advice_holds() -> None:
     thin = on_springs(plate={"thickness_mm": 1.5})
     with pytest.raises(SceneError, match=r"beyond 0.5 it stretches, and linear theory does not hold") as refused:
@@ -123,6 +132,10 @@ def test_the_force_that_is_advised_for_a_plate_that_bends_too_far_holds() -> Non
     resolve(on_springs(plate=thin, contact={"force_n": [force_n / 10, force_n]}))
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "under the largest force and its own weight is refused",
+)
 def test_a_plate_that_its_own_weight_bends_too_far_needs_no_smaller_force_but_more_thickness() -> None:
     size = {"length_x_mm": 3000, "length_y_mm": 2000}
     contact = {"x_mm": [10, 2990], "y_mm": [10, 1990]}
@@ -134,6 +147,10 @@ def test_a_plate_that_its_own_weight_bends_too_far_needs_no_smaller_force_but_mo
     resolve(on_springs(plate={**size, "thickness_mm": thicker}, contact=contact))
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "or more if the shorter one would have fewer than 8.",
+)
 @pytest.mark.parametrize("size", [(4000.0, 20.0, 5.0), (2000.0, 60.0, 12.0), (400.0, 300.0, 3.0), (60.0, 900.0, 8.0)])
 def test_sensors_of_a_narrow_plate_may_stand_on_both_sides_of_its_middle(size: tuple[float, float, float]) -> None:
     plate = Plate(length_x_mm=size[0], length_y_mm=size[1], thickness_mm=size[2], material="steel")
@@ -158,6 +175,10 @@ def test_explain_prices_what_plates_have(design_sensors_here: Command) -> None:
     assert "1 K between its faces bows it by 120 um" in effects["heat from one side"]["reason"]
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "It advises springs where supports are rigid.",
+)
 @pytest.mark.parametrize(
     ("supports", "told"),
     [
@@ -178,6 +199,11 @@ def test_explain_advises_springs_before_the_plate_is_bought(
     assert "springs" not in design_sensors_here("explain", SPRINGS).stderr
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "If all are a tenth stiffer, forces are 9 % too small and places hardly differ.",
+    "If one of the four is, places are 5 mm off on average",
+)
 def test_a_spring_that_is_stiffer_than_said_costs_what_statics_of_a_rigid_plate_on_springs_say(
     design_sensors_here: Command,
 ) -> None:
@@ -227,6 +253,10 @@ def test_sensors_of_a_plate_that_are_mounted_stay(tmp_path: Path) -> None:
     assert mounted.moves_to(((20, 20), (380, 20), (210, 280))).endswith("(200, 280) -> (210, 280) mm")
 
 
+@pytest.mark.promise(
+    "docs/how-to/plates.md",
+    "Distances are those between places, so a housing keeps half its size from edges, supports and keep-outs.",
+)
 def test_sensors_keep_the_rules_by_distance() -> None:
     keep_out = [{"x_mm": [100, 300], "y_mm": [100, 200]}]
     surface = resolve(on_springs(sensors={"keep_out": keep_out, "grid_mm": 10, "fixed": [{"x_mm": 13, "y_mm": 17}]}))

@@ -26,6 +26,10 @@ def scene(tmp_path: Path) -> Path:
 
 
 @pytest.mark.promise(
+    "docs/how-to/spare-part.md",
+    "`build` replaces neither a calibrated model nor an edited `daemon.toml`.",
+)
+@pytest.mark.promise(
     "docs/how-to/design.md",
     "A build replaces its own files without asking, but not your work.",
     "somebody has edited the configuration since `build` wrote it (its last line tells), `build` ends with one line "
@@ -56,7 +60,8 @@ def test_a_configuration_is_replaced_until_somebody_has_edited_it(
 
 
 @pytest.mark.promise(
-    "docs/how-to/spare-part.md", "`build` replaces neither a calibrated model nor an edited `daemon.toml`."
+    "docs/how-to/spare-part.md",
+    "`build` replaces neither a calibrated model nor an edited `daemon.toml`.",
 )
 def test_a_model_may_be_calibrated_in_place_and_is_then_not_replaced_by_a_build_without_a_word(
     design_sensors_roughly: Command, bench: ModelFile, bench_model: Path, tmp_path: Path

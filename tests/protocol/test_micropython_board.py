@@ -57,6 +57,16 @@ for _ in range(2):
     print(*chips.convert(2))
 """
 """The second of two chips does not answer to the sixth conversion, in the second round of a reading of two."""
+HANGING = """
+import machine, board
+class Bus(machine.I2C):
+    def readfrom_mem_into(self, address, register, data):
+        super().readfrom_mem_into(address, register, data)
+        if address == 0x48 and register == 1:
+            data[0] &= 0x7F
+print(*board.Ads1115Chips(Bus(0, scl=None, sda=None, freq=0), (0x48, 0x49)).convert(1))
+"""
+"""The first of two chips never says that it has converted."""
 TICKS = """
 import board
 class Ticks:
@@ -72,7 +82,57 @@ for _ in range(12):
     print(clock.us())
 """
 """The ticks of a board that wrap after 18 minutes; those of this machine never do."""
+PACE = """
+import board
+class Ticks:
+    now = 0
+    def ticks_us(self):
+        return self.now
+    def ticks_diff(self, later, earlier):
+        return later - earlier
+class Inputs(board.OwnAdc):
+    def __init__(self, channels, us, nominal_us=0):
+        self.channels, self.us, self.nominal_us = channels, us, nominal_us
+    def convert(self, oversampling):
+        board.time.now += self.us
+        return [0] * self.channels
+board.time = Ticks()
+encode = board.encode
+def encode_for(us):
+    def slow(body):
+        board.time.now += us
+        return encode(body)
+    return slow
+chips_us = board.Ads1115Chips.nominal_us
+for channels, us, nominal_us, encode_us in (
+    (3, 9_700, 0, 100), (4, 500, chips_us, 0), (16, 500, chips_us, 0), (16, 500, 0, 0), (3, 2_000_000, 0, 0)
+):
+    board.encode = encode_for(encode_us)
+    print(board.Board(Inputs(channels, us, nominal_us), board.Light(None))._max_rate_hz)
+"""
+"""Boards whose conversions take a known time; what goes on beside them takes three times as long as encoding."""
+ONE_TAKES_LONG = """
+import board, time
+convert = board.OwnAdc.convert
+def slow(self, oversampling, calls=[]):
+    calls.append(0)
+    if len(calls) == 8 + 3:
+        time.sleep_ms(700)
+    return convert(self, oversampling)
+board.OwnAdc.convert = slow
+"""
+"""After the eight conversions by which a board measures itself, the third takes longer than 7 readings at 10 Hz."""
+ONE_FAILS = """
+import board
+def failing(self, message, obey=board.Board._obey):
+    if message[0] == board.IDENTIFY:
+        raise ValueError("an error of the program")
+    obey(self, message)
+board.Board._obey = failing
+"""
 WITHIN_S = 60.0
+RESET = 3
+"""What the played `machine.reset` ends with."""
 
 
 def run_board(code: str, **names: str) -> list[str]:
@@ -229,6 +289,10 @@ def test_a_session_stops_begins_anew_and_ignores_what_the_board_cannot_keep(tmp_
         assert next(one for one in line.readings if one.oversampling == 2).sequence == last + 1
 
 
+@pytest.mark.promise(
+    "docs/how-to/micropython-board.md",
+    "its channels read 0, which the daemon takes for a missing cable; the others go on",
+)
 def test_channels_of_a_chip_that_does_not_answer_are_zero_until_it_does(tmp_path: Path) -> None:
     with plugged_in(tmp_path, TWO_CHIPS, [1.024] * 8) as board:
         line = Host(board.host_end)
@@ -252,6 +316,10 @@ def test_identify_blinks_until_its_time_or_zero(tmp_path: Path) -> None:
         assert board.light.read_text().split()[-1] == "0"
 
 
+@pytest.mark.promise(
+    "docs/how-to/micropython-board.md",
+    "the program ends when mpremote asks for the prompt",
+)
 def test_the_interrupt_of_mpremote_ends_the_program_even_in_a_stream(tmp_path: Path) -> None:
     with plugged_in(tmp_path, OWN_ADC, [1.0] * 3) as board:
         line = Host(board.host_end)
@@ -267,5 +335,41 @@ def test_of_a_chip_that_drops_out_in_the_middle_of_a_reading_no_part_is_left(tmp
     assert lines == [" ".join(["16384"] * 4 + ["0"] * 4), " ".join(["16384"] * 8)]
 
 
+def test_a_chip_that_never_finishes_is_one_that_does_not_answer(tmp_path: Path) -> None:
+    (tmp_path / "volts").write_text(" ".join(["1.024"] * 8))
+    assert run_board(HANGING, VOLTAGES=str(tmp_path / "volts")) == [" ".join(["0"] * 4 + ["8192"] * 4)]
+
+
 def test_the_clock_goes_on_where_the_ticks_of_a_board_wrap() -> None:
     assert run_board(TICKS) == [str(400_000_000 * number) for number in range(1, 13)]
+
+
+@pytest.mark.promise(
+    "docs/how-to/micropython-board.md",
+    "it measures at each start how fast it is, and states 80 % of that.",
+    "Converters limit it to 125 readings per second whatever their number",
+)
+def test_a_board_states_four_fifths_of_its_own_pace_and_no_more_than_its_line_carries() -> None:
+    # 10 ms a reading; 4 x 1.6 ms, twice; 90 % of 11 520 bytes a second for 46 bytes a reading; one in 2 s.
+    assert run_board(PACE) == ["80", "125", "125", "225", "1"]
+
+
+@pytest.mark.promise(
+    "docs/how-to/micropython-board.md",
+    "readings that it could not take have their numbers, so the daemon counts them as lost",
+)
+def test_readings_for_which_a_board_had_no_time_have_their_numbers(tmp_path: Path) -> None:
+    with host(tmp_path, ONE_TAKES_LONG + OWN_ADC, [1.0] * 3) as line:
+        line.send(Start(10, 1))
+        line.hear(lambda: len(line.readings) == 4)
+        before, late = line.readings[1], line.readings[3]
+        missing = late.sequence - before.sequence - 2
+        assert missing >= 6
+        assert late.device_us - before.device_us > 100_000 * missing
+
+
+@pytest.mark.promise("docs/how-to/micropython-board.md", "the board restarts, and the daemon begins a new session")
+def test_an_error_in_the_program_resets_the_board(tmp_path: Path) -> None:
+    with plugged_in(tmp_path, ONE_FAILS + OWN_ADC, [1.0] * 3) as board:
+        Host(board.host_end).send(Identify(1))
+        assert board.process.wait(WITHIN_S) == RESET

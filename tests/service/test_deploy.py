@@ -42,6 +42,10 @@ def test_the_password_comes_from_a_file_that_a_group_may_read(
     transactions.close()
 
 
+@pytest.mark.promise(
+    "docs/how-to/time-series.md",
+    "it names members that an event has",
+)
 def test_telegraf_reads_members_that_an_event_has() -> None:
     (consumer,) = tomllib.loads((FOLDER / "telegraf.conf").read_text())["inputs"]["mqtt_consumer"]
     (parser,) = consumer["json_v2"]
@@ -130,6 +134,10 @@ def test_the_record_of_several_services_keeps_a_contact_each_2_s_for_its_days() 
     assert describe_kept_days(events)[0] == {"busy_days": events.keep_days}
 
 
+@pytest.mark.promise(
+    "deploy/README.md",
+    "alerts for Prometheus, also for a single service",
+)
 def test_promtool_takes_the_alerts_and_they_fire_as_stated() -> None:
     promtool = require("promtool", "prometheus")
     for command in (["check", "rules", RULES], ["test", "rules", Path(__file__).with_name("beamtouch.rules.test.yml")]):

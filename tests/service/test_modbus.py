@@ -170,6 +170,10 @@ model = "press-7.onnx"
 
 
 @pytest.mark.promise(
+    "docs/how-to/plc.md",
+    "The command prints the map, with the addresses of your surfaces and zones, and the `identity` of each surface.",
+)
+@pytest.mark.promise(
     "docs/reference/registers.md",
     (
         "The first surface of the configuration has addresses 0 to 59, the second 60 to 119, and so on, in the order "

@@ -50,6 +50,10 @@ def test_a_file_that_is_no_record_is_refused_with_the_remedy(tmp_path: Path) -> 
         assert str(caught.value) == f"events file {path}: {reason}; {REMEDY}"
 
 
+@pytest.mark.promise(
+    "deploy/README.md",
+    "A version with a new format of the record refuses the old database",
+)
 @pytest.mark.parametrize("number", [1, 1000])
 def test_a_record_of_another_version_is_refused_with_its_format(tmp_path: Path, number: int) -> None:
     path = tmp_path / "events.db"

@@ -133,6 +133,11 @@ ZONES = "".join(f"[surfaces.a.zones.z{number}]\nfrom_mm = 0\nto_mm = 9\n" for nu
 SURFACES = "\n".join(f"[surfaces.press-{number}]" for number in range(1093))
 
 
+@pytest.mark.promise(
+    "deploy/README.md",
+    "Messages never contain the URL.",
+    "`[mqtt]` and `[opcua]` are refused together with `events.url`, because each service would send the events of all.",
+)
 @pytest.mark.promise("docs/how-to/mqtt.md", "`[mqtt]` is refused together with `events.url`")
 @pytest.mark.promise("docs/how-to/opcua.md", "Services that share a database refuse `[opcua]`")
 @pytest.mark.promise("docs/reference/service-configuration.md", "Needs `events.url`.")

@@ -118,6 +118,10 @@ REFUSED = [
 
 
 @pytest.mark.promise(
+    "docs/how-to/plc.md",
+    "Nobody can write.",
+)
+@pytest.mark.promise(
     "docs/reference/registers.md",
     (
         "An address behind the last block is answered with exception 2 (illegal data address), a count of 0 or above "

@@ -38,6 +38,10 @@ def ask(service: Service, host: str | None, path: str = "/health/live") -> httpx
 
 
 @pytest.mark.promise(
+    "deploy/README.md",
+    "a service without a read token refuses names that it does not know",
+)
+@pytest.mark.promise(
     "docs/reference/http.md",
     (
         "Without a read token and without a certificate, the service answers only if it is asked for an address, "

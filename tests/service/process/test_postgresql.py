@@ -2,11 +2,13 @@
 
 import signal
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import psycopg
 import pytest
 
+from beamtouch_service.record.database.errors import RecordAwayError
 from beamtouch_service.record.writing.transactions import Transactions
 from beamtouch_service.sections import EventsSection
 from service.bench import PATIENT, batch_of
@@ -17,6 +19,10 @@ from service.process.pgbouncer import pooled
 from support.running.waiting import wait_until
 
 
+@pytest.mark.promise(
+    "deploy/README.md",
+    "PgBouncer may stand in between as it is installed, with `pool_mode` `session` or `transaction`.",
+)
 @pytest.mark.parametrize("pool_mode", ["session", "transaction"])
 def test_the_record_works_through_a_pool(
     start_press: StartService, postgres: Postgres, events_url: str, pool_mode: str
@@ -47,6 +53,10 @@ def refusal(start: Command, url: str, folder: Path) -> str:
     return errors.splitlines()[-1].removeprefix("beamtouch-service: the database of events.url: ")
 
 
+@pytest.mark.promise(
+    "deploy/README.md",
+    "The role must be allowed to make tables",
+)
 def test_a_role_that_may_not_make_tables_or_use_those_of_another_is_told_what_to_do(
     command: Command, postgres: Postgres, events_url: str, tmp_path: Path
 ) -> None:
@@ -96,4 +106,25 @@ def test_options_of_the_address_take_the_place_of_the_limits(events_url: str) ->
     for use in (transactions.database.writing, transactions.database.reading_as_writer, transactions.database.reading):
         with use() as connection:
             assert connection.exec_driver_sql("SHOW statement_timeout").scalar() == "20s"
+    transactions.close()
+
+
+@pytest.mark.promise("deploy/README.md", "A standby counts as away.")
+def test_a_database_that_takes_no_writes_is_away_until_it_does(events_url: str) -> None:
+    """As a standby is until it becomes the primary."""
+    database = events_url.rpartition("/")[2].partition("?")[0]
+    setting = f'ALTER DATABASE "{database}" SET default_transaction_read_only ='
+    with psycopg.connect(events_url, autocommit=True) as connection:
+        connection.execute(f"{setting} on")
+        transactions = Transactions(EventsSection(url=events_url))
+        assert "read-only transaction" in transactions.away_because
+        with pytest.raises(RecordAwayError):
+            transactions.healths()
+        connection.execute("SET default_transaction_read_only = off")
+        connection.execute(f"{setting} off")
+        # Unlike those of a standby that becomes the primary, its connections stay as they were.
+        connection.execute("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()")
+    with suppress(RecordAwayError):
+        transactions.healths()  # its connection has ended
+    assert transactions.healths() == {}
     transactions.close()

@@ -40,6 +40,13 @@ def plant(start_service: StartService, config: Path) -> Iterator[Plant]:
     plant.balancer.stop()
 
 
+@pytest.mark.promise(
+    "deploy/README.md",
+    "When a service dies, the others get its surfaces",
+    "What it could answer only for a part of the plant it refuses with 421 `wrong-replica`",
+    "`/contact`, `/stream`, `/surfaces` and `/health/ready`. The member `surfaces` has all names.",
+    "so they work too.",
+)
 @pytest.mark.promise("docs/reference/problems.md", "the service is a replica, and the question is about all surfaces.")
 def test_another_service_takes_over_the_surfaces_of_a_dead_one(plant: Plant) -> None:
     for name in SURFACES:
@@ -105,6 +112,10 @@ def require_questions_about_all_surfaces_answered_for_all_or_refused(plant: Plan
         )
 
 
+@pytest.mark.promise(
+    "deploy/README.md",
+    "Contacts go on. The daemons keep the samples until the record has them; `GET /events` answers 503.",
+)
 def test_answers_go_on_while_the_database_is_away_and_its_events_come_later(plant: Plant, postgres: Postgres) -> None:
     name = SURFACES[0]
     plant.deliver(name, *CONTACT)
@@ -132,6 +143,10 @@ def test_answers_go_on_while_the_database_is_away_and_its_events_come_later(plan
     assert "Traceback" not in errors
 
 
+@pytest.mark.promise(
+    "deploy/README.md",
+    "The same; `GET /events` answers 503 after some seconds.",
+)
 def test_answers_go_on_while_the_database_is_frozen_and_nothing_is_lost(plant: Plant, config: Path) -> None:
     name, url = SURFACES[0], config.read_text().partition("url = '")[2].partition("'")[0]
     plant.deliver(name, *CONTACT)
