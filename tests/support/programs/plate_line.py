@@ -12,7 +12,7 @@ from support.programs.forked_line import ForkedLine, Rig
 from support.running.waiting import wait_until
 
 SIZE_MM, RIM_MM, FORCE_N = np.array([400.0, 300.0]), 10.0, (2.0, 20.0)
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 DAMPED = "damping_ratio = 0.1\n"
 """Imperfections of the rig: the plate rings at 23 Hz, and is still within half a second."""
 LEFT = {"x_mm": [0, 200], "y_mm": [0, 300]}
