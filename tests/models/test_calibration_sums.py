@@ -10,7 +10,7 @@ import pytest
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.calibration.choice import shares_of_scale
-from beamtouch_models.design.calibration.doubts import Doubts, doubts
+from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface, best_step
 from beamtouch_models.design.calibration.session import COMMON, DRIFTING, SHIFT, WEIGHT, Session, bend_of
 from beamtouch_models.runtime.departures import Departures
@@ -96,7 +96,7 @@ def test_the_influence_of_departures_is_that_of_the_beam_that_departs(nominal: N
     assert len(nominal._influences) == before
 
 
-@pytest.mark.parametrize("fixity", [0.4, 1.6])
+@pytest.mark.parametrize("fixity", [0.4, 1.6, 9.0])
 def test_slopes_are_those_of_differences(nominal: NominalSurface, fixity: float) -> None:
     vector, kinds = random_vector(4), ("rigidity", "gain", "curve", "fixity", "offset", "position")
     vector[10:12] = fixity
@@ -105,8 +105,10 @@ def test_slopes_are_those_of_differences(nominal: NominalSurface, fixity: float)
     for entry in range(SIZE):
         step = np.zeros(SIZE)
         step[entry] = 1e-3
-        ends = [nominal.curve(vector + side * step).measured_mm(place_mm, force_n) for side in (1, -1)]
-        assert found[:, :, entry] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=1e-3, abs=1e-6), entry
+        # 9 is the largest fixity; the other side of it is not possible.
+        sides = (0, -2) if entry in {10, 11} else (1, -1)
+        ends = [nominal.curve(vector + side * step).measured_mm(place_mm, force_n) for side in sides]
+        assert found[:, :, entry] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=3e-3, abs=1e-6), entry
     some = nominal.slopes(vector, place_mm, force_n, ("gain",))
     assert some[:, :, 1:5] == pytest.approx(found[:, :, 1:5])
     assert np.abs(some[:, :, [0, *range(5, SIZE)]]).max() == 0
@@ -215,7 +217,9 @@ def test_the_sensors_are_where_the_tests_say(nominal: NominalSurface) -> None:
     assert not nominal.sprung.any()
 
 
-def test_a_deflection_that_was_not_measured_hides_nothing(nominal: NominalSurface) -> None:
-    loads = loads_on(nominal, np.zeros(SIZE), count=10)
-    assert np.isnan(loads.measured_mm).sum() == 1
-    assert doubts(nominal, loads, ["s1", "s2", "s3", "s4"]) == Doubts()
+def test_a_channel_may_bend_of_which_a_deflection_was_not_measured(nominal: NominalSurface) -> None:
+    loads = loads_on(nominal, np.zeros(SIZE))
+    assert np.isnan(loads.measured_mm[2, 1])
+    found = fit(nominal, loads, ("offset", bend_of(1)), rounds=1)
+    assert np.abs(found.vector[24:26]).max() < 1
+    assert np.isfinite(found.log_evidence)

@@ -74,17 +74,25 @@ def test_on_two_axes_distances_are_those_of_the_middles_of_cells_from_the_median
 
 
 def mean_error(
-    edges_mm: list[Floats], force_n: tuple[float, float], *, noisy: bool = False, contacts: int = 70, seed: int = 4
+    edges_mm: list[Floats],
+    force_n: tuple[float, float],
+    *,
+    noisy: bool = False,
+    contacts: int = 70,
+    faint: bool = False,
 ) -> MeanError:
-    """Return that of contacts at random on a structure whose influence is as random, with three of four candidates."""
-    rng = np.random.default_rng(seed)
+    """Return that of contacts at random on a structure whose influence is as random, with three of four candidates.
+
+    If it is faint, it falls to next to nothing at the right end, as at a support.
+    """
+    rng = np.random.default_rng(4)
     middles = middles_of(edges_mm)
     wave = rng.uniform(0.05, 0.15, (middles.shape[1], 4))
     phase = rng.uniform(0, 3, 4)
 
     def influence(place_mm: Floats) -> Floats:
         shape: Floats = 0.02 + 0.01 * np.sin(place_mm @ wave + phase)
-        return shape
+        return shape * np.clip((42 - place_mm[:, :1]) / 30, 0, 1) ** 3 if faint else shape
 
     low, high = (np.array([edges[end] for edges in edges_mm]) for end in (0, -1))
     places = rng.uniform(low, high, (contacts, len(edges_mm)))
@@ -142,6 +150,14 @@ def test_the_mean_error_is_that_of_posteriors_by_a_plain_sum(
     assert given.of(LAYOUT, without) == pytest.approx(np.average(distances, weights=given.weight), rel=2e-3)
     expected = along / len(masses) / (np.diff(EDGES_MM) / 35)
     assert given.along_mm(LAYOUT, without) == pytest.approx(expected, rel=0.01, abs=0.01)
+
+
+def test_beside_a_support_a_posterior_is_as_wide_as_a_plain_sum_says() -> None:
+    given = mean_error([EDGES_MM], (2.0, 7.0), faint=True)
+    assert np.abs(given.shapes[-1]).max() < 1e-3 * np.abs(given.shapes).max()
+    masses = plainly(given, LAYOUT.tolist(), [0, 1, 2])
+    expected = mean_distances([EDGES_MM], masses / np.diff(EDGES_MM))
+    assert given.of_each(LAYOUT) == pytest.approx(expected, abs=0.05)
 
 
 def test_on_two_axes_the_mean_error_is_that_of_the_cells() -> None:

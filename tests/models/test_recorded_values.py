@@ -102,6 +102,17 @@ def test_without_a_column_of_times_there_are_none(tmp_path: Path) -> None:
     assert read(tmp_path / "loads.csv", rows, HEAD.removeprefix("unix_time_s,")).minutes.tolist() == [0.0] * 4
 
 
+def test_a_load_has_one_place_and_one_force_and_a_file_all_its_columns(tmp_path: Path) -> None:
+    rows, path = loads_at([30.0, 150.0, 260.0, 380.0]), tmp_path / "loads.csv"
+    rows[7] = (*rows[7][:3], 8.5, *rows[7][4:])
+    with pytest.raises(RecordingError, match=r"load 2 has a force_n of 7 in line 7 and of 8.5 in line 9; give each"):
+        read(path, rows)
+    with pytest.raises(
+        RecordingError, match="column force_n is missing; this model needs the columns load, position_mm"
+    ):
+        read(path, rows, HEAD.replace("force_n", "force").replace("s3_deflection_mm", "s3"))
+
+
 SPREAD = [1.0, 60.0, 110.0, 161.0]
 """Four places over 0.402 of the range."""
 

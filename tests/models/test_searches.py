@@ -195,6 +195,15 @@ def test_the_paper_s_search_varies_a_layout_less_while_nothing_gains_and_gives_u
     assert np.abs(last).max() <= 3
 
 
+def test_of_the_clones_a_third_move_all_sensors_a_third_one_and_a_third_two() -> None:
+    """In the last round the increment is half a place, and a sensor that is to move moves."""
+    objective = line([20, 50, 80])
+    paper_search(objective, started(objective, [20, 50, 80]), np.random.default_rng(3))
+    steps = np.array(objective.asked[-36:]) - [20, 50, 80]
+    assert (steps != 0).sum(axis=1).tolist() == [3, 1, 2] * 12
+    assert (steps < 0).sum() == pytest.approx(36, abs=15)
+
+
 def test_many_sensors_get_eight_clones_each_and_fixed_ones_stay() -> None:
     objective = line([10, 20, 30, 40, 50], fixed=[30])
     run = paper_search(objective, started(objective, [1, 2, 3, 4, 30]), np.random.default_rng(3))
@@ -227,3 +236,4 @@ def test_of_runs_that_are_as_good_the_first_counts() -> None:
     assert first_best(runs).layout == np.array([3])
     assert first_best(runs[:3]).layout == np.array([1])
     assert first_best([*runs[:1], SearchRun((np.array([9]),), (-2.0 - 1e-8,), 1), runs[2]]).layout == np.array([2])
+    assert first_best([SearchRun((np.array([5]),), (0.0,), 1)]).layout == np.array([5])
