@@ -102,3 +102,15 @@ def test_contacts_of_another_layout_of_channels_have_no_row() -> None:
     (row,) = best_samples(bench)
     assert row["model"].startswith("other@")
     assert "s4_mm" not in row
+
+
+@pytest.mark.parametrize(("reading_mm", "readings"), [(0.025, "6"), (0.005, "1"), (0.03, "9")])
+def test_a_sample_without_readings_has_as_many_as_a_settled_one(reading_mm: float, readings: str) -> None:
+    """The square of how many times the noise of a reading is that of a sample, 0.01 mm: averaging takes so many."""
+    model = model_of()
+    noise = model.metadata.noise.model_copy(update={"reading_mm": reading_mm})
+    metadata = model.metadata.model_copy(update={"noise": noise})
+    bench = Bench(surface_with(dataclasses.replace(model, metadata=metadata)))
+    bench.send(RESTING, TOUCHING, TOUCHING, RESTING)
+    (row,) = best_samples(bench)
+    assert row["readings"] == readings

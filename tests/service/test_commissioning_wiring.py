@@ -10,7 +10,7 @@ import pytest
 from beamtouch_service.commissioning.pressing import Floats
 from beamtouch_service.commissioning.report import Finding
 from beamtouch_service.commissioning.verdict import advise, judge_sensors
-from beamtouch_service.commissioning.wiring import Explanation, Influence, Press, Wiring
+from beamtouch_service.commissioning.wiring import Explanation, Influence, Press, Wiring, _Fit, _with_one_more
 from beamtouch_service.commissioning.wiring import explain as explain_in_steps
 from beamtouch_service.samples import Quality
 
@@ -245,3 +245,35 @@ def test_of_a_sensor_that_no_press_moves_nothing_is_said() -> None:
     assert [one.finding for one in found] == [Finding.RIGHT, Finding.RIGHT, Finding.UNSURE]
     (sentence,) = advise(explanation, NAMES[:3], found, "beam")
     assert "s3: the presses hardly move it" in sentence
+
+
+@pytest.mark.parametrize("places", [17, 81])
+def test_one_fault_more_is_looked_for_with_the_sums_that_it_would_have_from_the_start(places: int) -> None:
+    """A search changes a few terms of its sums for each fault more. They must be those of all terms, for any press."""
+    drawn = np.random.default_rng(7)
+    table = drawn.normal(0.02, 0.05, (places, 4))
+    at_mm = np.zeros(1 if places == 17 else 2)
+    fit = _Fit(Press(at_mm, drawn.normal(0.1, 0.3, 4), drawn.uniform(0.004, 0.02, 4)), lambda _at_mm: table)
+    wirings = Wiring((0, 1, 2, 3), RIGHT), Wiring((2, 1, 0, 3), (1, -1, 1, 0)), Wiring((1, 3, 2, 0), (-1, 1, 0, 1))
+    for wiring in wirings:
+        more = list(_with_one_more(wiring))
+        assert len(more) == 6 + 2 * np.count_nonzero(wiring.signs)
+        assert fit.squares_with_one_more(wiring) == pytest.approx([fit.best(one).square for one in more])
+
+
+@pytest.mark.parametrize("beside", [0.0, -1.0, 2.0])
+def test_a_press_fits_with_the_force_and_the_place_that_leave_least(beside: float) -> None:
+    """Least squares of each place by numpy; `beside` deviations of 4 mm is one of the 17 places that are tried."""
+    at_mm, noise_mm = 125.0, np.array([0.008, 0.011, 0.009, 0.014])
+    moved = 11.0 * deflections(np.array([at_mm + 4.0 * beside]))[0] + np.array([0.01, -0.02, 0.005, 0.03])
+    deviation = np.hypot(noise_mm, 0.03 * moved.max())
+    squares = {}
+    for away in np.linspace(-2.0, 2.0, 17):
+        expected = deflections(np.array([at_mm + 4.0 * away]))[0] / deviation
+        (force_n,), (left,), _, _ = np.linalg.lstsq(expected[:, None], moved / deviation, rcond=None)
+        squares[left + away**2] = force_n, deviation * expected * force_n
+    best = _Fit(Press(np.array([at_mm]), moved, noise_mm), deflections).best(Wiring((0, 1, 2, 3), RIGHT))
+    force_n, moved_mm = squares[min(squares)]
+    assert best.square == pytest.approx(min(squares))
+    assert best.force_n == pytest.approx(force_n)
+    assert best.moved_mm == pytest.approx(moved_mm)

@@ -1,12 +1,15 @@
 """`beamtouch-service check` says for how many days the limits of the record keep its events."""
 
 import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from beamtouch_service import cli
+from beamtouch_service.record.forecast import Pace, kept_days, pace_of
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, surface_of
 from service.event_story import RESTING, TOUCHING
@@ -71,3 +74,30 @@ def test_room_that_deleted_events_left_counts_for_none(tmp_path: Path, capsys: p
     execute(file, "DELETE FROM events WHERE id <= 125")
     _, after = check(tmp_path, 'file = "events.db"\nmax_mb = 1', capsys)
     assert after["own_days"] == pytest.approx(before["own_days"], rel=0.4)
+
+
+def record_of(path: Path, events: int, lasts_us: int) -> Path:
+    """Make a file with so many events, the last one so long after the first."""
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("CREATE TABLE events (touched_us INTEGER, filler TEXT)")
+        rows = [(7_000_000 + lasts_us * number // (events - 1), "x" * 500) for number in range(events)]
+        connection.executemany("INSERT INTO events VALUES (?, ?)", rows)
+        connection.commit()
+    return path
+
+
+def test_a_record_says_its_pace_from_a_hundred_events_and_an_hour_on(tmp_path: Path) -> None:
+    hour_us = 3_600_000_000
+    path = record_of(tmp_path / "events.db", 100, hour_us)
+    assert pace_of(path) == Pace(path.stat().st_size / 100, 36.0)
+    assert pace_of(record_of(tmp_path / "few.db", 99, hour_us)) is None
+    assert pace_of(record_of(tmp_path / "short.db", 100, hour_us - 1)) is None
+    assert pace_of(tmp_path / "none.db") is None
+
+
+def test_events_are_kept_for_as_long_as_both_limits_allow() -> None:
+    """At 700 bytes an event, 3.5 MB hold 5000 of them: one each 17.28 s is a day."""
+    events = EventsSection(keep_days=3, max_mb=3.5)
+    assert kept_days(events, Pace(700.0, 17.28)) == pytest.approx(1.0)
+    assert kept_days(events, Pace(350.0, 17.28 * 1.25)) == pytest.approx(2.5)
+    assert kept_days(events, Pace(350.0, 17.28 * 2)) == 3.0

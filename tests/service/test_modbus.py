@@ -8,7 +8,7 @@ import pytest
 from beamtouch_common.zones import Zone
 from beamtouch_models.runtime import State
 from beamtouch_service import cli
-from beamtouch_service.outputs.modbus.blocks import Blocks
+from beamtouch_service.outputs.modbus.blocks import Blocks, NoSuchRegisterError
 from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.samples import Note, Quality
@@ -246,3 +246,21 @@ def test_the_command_refuses_a_model_that_it_cannot_read(tmp_path: Path, capsys:
     printed = capsys.readouterr()
     assert printed.out == ""
     assert f"model {model}" in printed.err
+
+
+@pytest.mark.promise(
+    "docs/reference/registers.md", "Each surface has a block of 60; offsets count from its first register."
+)
+def test_a_range_of_addresses_is_that_part_of_the_blocks_one_after_the_other() -> None:
+    surfaces = [surface_of(), surface_with(None), surface_of()]
+    surfaces[0].receive(parsed([0.5, 0.25, 0.125]), NOW_S)
+    surfaces[2].receive(parsed([0.25, 0.5, 0.375]), NOW_S)
+    blocks = Blocks(surfaces, "big")
+    whole = [word for surface in surfaces for word in Blocks([surface], "big").read(0, BLOCK, NOW_S)]
+    assert blocks.read(0, 3 * BLOCK, NOW_S) == whole
+    for address, count in ((0, 1), (8, 12), (BLOCK - 1, 1), (BLOCK - 1, 2), (BLOCK, 3), (BLOCK + 2, BLOCK + 20)):
+        assert blocks.read(address, count, NOW_S) == whole[address : address + count]
+    assert blocks.read(2 * BLOCK + 8, 2, NOW_S) == whole[2 * BLOCK + 8 : 2 * BLOCK + 10]
+    assert blocks.read(3 * BLOCK - 3, 3, NOW_S) == whole[-3:]
+    with pytest.raises(NoSuchRegisterError, match=f"^address {3 * BLOCK} belongs to no surface$"):
+        blocks.read(3 * BLOCK - 3, 4, NOW_S)
