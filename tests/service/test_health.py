@@ -15,6 +15,7 @@ from service.record_days import Days
 from service.record_file import execute
 from service.touches import TouchedLine
 from support.surfaces.deflections import deflections_of
+from support.surfaces.small_model import model_of
 
 BASELINE, CHANGED = 100, 14
 BEGIN = datetime(2026, 2, 1, 12, tzinfo=UTC)
@@ -112,6 +113,24 @@ def test_figures_are_those_of_the_history_in_percent_and_mm(bench_model: Path) -
         assert percent == tuple(round(value * 100, 3) for value in (gain.value, gain.low, gain.high))
         mm = found.zero_mm, found.zero_low_mm, found.zero_high_mm
         assert mm == tuple(round(value, 6) for value in (zero.value, zero.low, zero.high))
+
+
+def test_of_contacts_that_come_together_those_that_say_nothing_are_passed_over_one_by_one() -> None:
+    """A late one of another characteristic, one of other channels, and one without a rest before it."""
+    model = model_of()
+
+    def best(at_us: int, characteristic: str, channels: list[str], rest_mm: list[float] | None) -> Best:
+        return Best(at_us, True, 16, characteristic, channels, [0.5, 0.25, 0.13], [0.01] * 3, rest_mm, [0.01] * 3)
+
+    at_rest, channels = [0.001, 0.002, 0.0], model.channels
+    history = HealthHistory("press-7", model, StoredHealth())
+    history.add([best(5000, "new", channels, at_rest)])
+    late, others = best(4000, "old", channels, at_rest), best(6000, "new", ["x", "y", "z"], at_rest)
+    whole, restless = best(7000, "new", channels, at_rest), best(8000, "new", channels, None)
+    history.add([late, others, whole, restless, best(9000, "new", channels, at_rest)])
+    assert [one.contacts for one in history.state.channels.values()] == [3, 3, 3]
+    assert history.next is not None
+    assert (history.next.characteristic, history.next.newest_us, history.next.version) == ("new", 9000, 1)
 
 
 @pytest.mark.promise("docs/reference/sensor-health.md", "It is kept with the events, without the limit of `keep_days`.")
