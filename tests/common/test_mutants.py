@@ -54,6 +54,11 @@ def test_what_only_checks_the_code_is_passed_over() -> None:
     assert found == [(1, 39), (6, 26), (7, 21), (7, 34)]
 
 
+def test_the_star_between_parameters_is_no_product() -> None:
+    found = positions_in("def area(a, *, b):\n    return a * b\n", operators())
+    assert {start[0] for start, _ in found} == {2}
+
+
 def test_identity_only_becomes_its_opposite() -> None:
     for operator, opposite in (("is", "Is_NotEq"), ("is not", "IsNot_Eq")):
         (choices,) = positions_in(f"found = value {operator} State.CLEAR\n", operators()).values()

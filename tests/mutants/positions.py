@@ -95,7 +95,8 @@ def positions_in(text: str, operators: dict[str, Operator]) -> dict[tuple[Place,
     """Return for each position in a file the operators that can change it, each with the number of its occurrence.
 
     Annotations are passed over: nothing runs them, or importing fails at once. So is what only checks the code itself,
-    `strict=True` of `zip`, and `frozen=True` and `slots=True` of a dataclass. `is` only becomes its opposite.
+    `strict=True` of `zip`, and `frozen=True` and `slots=True` of a dataclass. `is` only becomes its opposite. The star
+    between parameters is no product.
     """
     tree = ast.parse(text)
     spans = [
@@ -103,11 +104,12 @@ def positions_in(text: str, operators: dict[str, Operator]) -> dict[tuple[Place,
         for node in (*_annotations(tree), *_checks_of_the_code(tree))
     ]
     nodes = list(ast_nodes(get_ast(text)))
+    stars = {node.start_pos for node in nodes if node.type == "operator" and node.parent.type == "parameters"}
     found = defaultdict(list)
     for name, operator in operators.items():
         places = (place for node in nodes for place in operator.mutation_positions(node))
         for occurrence, (start, end) in enumerate(places):
-            if not any(first <= start < last for first, last in spans):
+            if start not in stars and not any(first <= start < last for first, last in spans):
                 found[start, end].append((name, occurrence))
     return dict(found)
 
@@ -143,7 +145,7 @@ def sample(root: Path, files: Sequence[str], count: int, seed: int) -> tuple[lis
             break
         name, occurrence = drawn.choice(choices)
         text = (root / file).read_text()
-        # The star between parameters is no product, and exceptions of a module no name that could be replaced.
+        # Exceptions of a module are no name that could be replaced.
         with contextlib.suppress(SyntaxError, AttributeError):
             mutated = mutate_code(text, of_all[name], occurrence)
             compile(mutated, file, "exec")
