@@ -82,7 +82,7 @@ class Characteristic:
         Beyond the ends of a table its end pieces continue, so that the record shows which way a channel left it.
         """
         if self.counts.shape[1] == 1:  # without a table: the same result, faster
-            lines: FloatArray = self.gaps[:, 0] + self.slopes[:, 0] * (counts - self.counts[:, 0])
+            lines: FloatArray = self.gaps.ravel() + self.slopes.ravel() * (counts - self.counts.ravel())
             return lines
         piece = (counts[..., np.newaxis] >= self.counts[:, 1:]).sum(axis=-1)
         channel = np.arange(len(self.counts))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.config.signal import Filter, GrowingMean, NoFilter
+from beamtouch_daemon.config.signal import Filter, GrowingMean, MovingAverage, NoFilter
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean, Rest, Walk
@@ -25,8 +25,7 @@ SIGNIFICANT = 1e-12
 
 def chain_of(surface: Surface) -> Chain:
     """Return the configured filters of a surface, with its noise, its steps and the period of its slowest motion."""
-    period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
-    mean = mean_of(surface.filter, surface.rate_hz)
+    mean, period = mean_of(surface.filter, surface.rate_hz), slowest_period(surface)
     return Chain(mean, len(surface.channels), surface.noise_mm, period, steps_mm(surface), surface.unseen_swing)
 
 
@@ -39,8 +38,12 @@ def rest_of(surface: Surface) -> Rest | None:
     if surface.noise_mm is None or not isinstance(surface.filter, GrowingMean):
         return None
     unit_mm = filters.unit_of(surface.noise_mm, steps_mm(surface), len(surface.channels))
-    period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
-    return Rest(unit_mm, surface.filter.longest(surface.rate_hz), period)
+    return Rest(unit_mm, surface.filter.longest(surface.rate_hz), slowest_period(surface))
+
+
+def slowest_period(surface: Surface) -> float:
+    """Return the period of the slowest motion of a surface, in readings; 0 if it is not stated."""
+    return (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
 
 
 def walk_of(surface: Surface) -> Walk | None:
@@ -62,9 +65,13 @@ def steps_mm(surface: Surface) -> FloatArray:
 
 def mean_of(settings: Filter, rate_hz: float) -> Mean:
     """Return the configured mean at a rate of the readings."""
-    window = 1 if isinstance(settings, NoFilter) else settings.window
-    longest = settings.longest(rate_hz) if isinstance(settings, GrowingMean) else 1
-    return Mean(settings.kind, window, longest, settings.spike_mm)
+    match settings:
+        case NoFilter():
+            return Mean(settings.kind, spike_mm=settings.spike_mm)
+        case MovingAverage():
+            return Mean(settings.kind, settings.window, spike_mm=settings.spike_mm)
+        case GrowingMean():
+            return Mean(settings.kind, settings.window, settings.longest(rate_hz), settings.spike_mm)
 
 
 class Uncertainty(NamedTuple):
