@@ -132,8 +132,8 @@ def test_of_a_burst_the_newest_reading_dates_the_others() -> None:
     one = session()
     old, new = taken(one, (100.0, frame(5, 1.0)), (100.0, frame(6, 1.75)))
     latest_s = 100.0 - 0.75 * (1 - 0.01)  # the device's clock may be wrong by a hundredth
-    assert (old.monotonic_s, new.monotonic_s) == (pytest.approx(latest_s), 100.0)
-    assert (old.taken_s, new.taken_s) == (pytest.approx(latest_s), pytest.approx(latest_s + 0.75))
+    assert [old.monotonic_s, new.monotonic_s] == pytest.approx([latest_s, 100.0])
+    assert [old.taken_s, new.taken_s] == pytest.approx([latest_s, latest_s + 0.75])
 
 
 def source(

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from beamtouch_daemon.sources.clock import HostClock
+from beamtouch_daemon.sources.clock import HostClock, RoundTrips
 from beamtouch_daemon.sources.reading import Schedule
 
 
@@ -105,3 +105,81 @@ def test_readings_that_a_stalled_line_delivers_in_a_burst_stay_old() -> None:
     late = [clock.to_host(1.0 + number / 200.0, 104.0) for number in range(600)]  # 3 s of readings, all at 104 s
     assert late[0] == pytest.approx(101.0, abs=0.001)
     assert late[400] == pytest.approx(103.0, abs=0.03)
+
+
+def test_the_smallest_delay_so_far_creeps_by_a_hundredth_of_the_time_of_the_device() -> None:
+    clock = HostClock()
+    clock.add_frame(20.0, 120.0)
+    assert clock.to_host(60.0, 190.0) == pytest.approx(160.0 + 0.4)  # 30 s late, of which 0.4 s may be drift
+    assert clock.to_host(70.0, 170.3) == pytest.approx(170.3)  # it is 0.2 s earlier than the drift allows
+    assert clock.to_host(80.0, 400.0) == pytest.approx(180.3 + 0.1)
+    # An earlier reading of the same burst is later than what was said of it before by as much as clocks drift.
+    assert HostClock().to_host(5.0, 50.0) == 50.0
+
+
+def test_an_older_reading_of_a_burst_is_dated_from_the_newest() -> None:
+    clock = HostClock()
+    for device_s in (10.0, 14.0):
+        clock.add_frame(device_s, 100.0)
+    assert clock.to_host(10.0, 100.0) == pytest.approx(96.0 + 0.04)
+    assert clock.to_host(14.0, 100.0) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("device_s", "is_beyond"), [(8.5, False), (9.05, True)])
+def test_a_time_is_beyond_if_it_is_a_second_in_the_future_whatever_the_drift(device_s: float, is_beyond: bool) -> None:
+    clock = HostClock()
+    assert not clock.is_beyond(1e6, 0.0)  # nothing is known before a round trip
+    clock.round_trip(50.0, 7.0, 50.001)
+    assert clock.is_beyond(device_s, 51.0) == is_beyond  # 51.5, and 52.05 less the drift of 2 s
+
+
+@pytest.mark.parametrize(("device_s", "is_behind"), [(17.9, True), (18.05, False), (30.0, False)])
+def test_an_answer_is_behind_if_its_time_is_a_second_before_the_ping(device_s: float, is_behind: bool) -> None:
+    clock = HostClock()
+    clock.add_frame(7.0, 50.0)
+    # At 62, a device that was at 7 at 50 is at 19, and may be a hundredth of 11 s slower.
+    assert clock.is_behind(device_s - 0.11, 62.0) == is_behind
+
+
+def test_without_enough_round_trips_a_stamp_is_earlier_by_a_hundredth_of_the_time_since() -> None:
+    trips = RoundTrips()
+    assert trips.to_host(7.0) is None
+    for number in range(4):
+        trips.add(50.0 + number, 7.0 + number, 50.004 + number)
+    assert trips.to_host(10.0) == pytest.approx(53.0)  # at the best ping, the newest
+    assert trips.to_host(20.0) == pytest.approx(63.0 - 0.1)
+    assert trips.to_host(5.0) == pytest.approx(48.0 - 0.05)
+
+
+def test_with_round_trips_over_a_while_the_slope_is_known_and_its_doubt_is_small() -> None:
+    trips = RoundTrips()
+    for number in range(21):  # over 20 s of the device, whose clock is quick by 0.5 %
+        trips.add(50.0 + number / 1.005, 7.0 + number, 50.004 + number / 1.005)
+    at_s = trips.to_host(127.0)
+    assert at_s is not None
+    # The best ping may be any, by a doubt of 4 ms in the 4 s or more that the fastest span.
+    assert 50.0 + 120 / 1.005 - 0.121 <= at_s <= 50.0 + 120 / 1.005 + 1e-6
+
+
+def test_a_slope_beyond_what_clocks_have_is_taken_for_a_hundredth() -> None:
+    for rate, slope in ((1.05, 1.01), (0.95, 0.99)):
+        trips = RoundTrips()
+        for number in range(40):
+            trips.add(50.0 + rate * number, 7.0 + number, 50.000001 + rate * number)
+        early_s, late_s = trips.to_host(1007.0), trips.to_host(2007.0)
+        assert early_s is not None
+        assert late_s is not None
+        assert (late_s - early_s) / 1000 == pytest.approx(slope, abs=1e-5)
+
+
+def test_only_the_newest_sixty_round_trips_count() -> None:
+    trips = RoundTrips()
+    trips.add(1000.0, 0.0, 1000.1)  # a ping that was not delayed at all: the best one
+    for number in range(1, 60):
+        trips.add(999.0 + number, float(number), 999.2 + number)
+    before = trips.to_host(60.0)
+    trips.add(999.0 + 60, 60.0, 999.2 + 60)
+    after = trips.to_host(60.0)
+    assert before is not None
+    assert after == pytest.approx(1059.0)
+    assert before > 1059.3

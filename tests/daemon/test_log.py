@@ -157,3 +157,17 @@ def test_a_batch_of_the_log_is_a_backlog_with_the_note_of_its_samples() -> None:
     assert (batch.boot_id, batch.samples, batch.notes) == ("boot-0001", [one.sample for one in samples], ["rate"])
     assert batch.backlog
     assert (log.batch([]).samples, log.batch([]).notes) == ([], [])
+
+
+def test_a_sample_that_became_durable_while_it_was_written_is_the_last_that_is_not_held() -> None:
+    held = Held(8)
+    held.log.forget(3)
+    held.log.adopt(Chunk(7, 3, 4))
+    assert held.places == (4, 1, 4, 9)
+
+
+def test_a_chunk_of_one_sample_is_held_and_one_that_is_durable_is_not() -> None:
+    held = Held(0)
+    held.log.adopt(Chunk(7, 1, 1))
+    held.log.adopt(Chunk(8, 1, 1))
+    assert (held.places, held.log.rows) == ((1, 1, 0, 2), {7})

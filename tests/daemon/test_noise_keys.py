@@ -1,6 +1,7 @@
 """The keys that `noise` states, from the noise of each channel, and recordings whose noise is known exactly."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +28,7 @@ QUIET = ChannelNoise(
 )
 
 
-def keys(*changes: dict[str, object], channel: dict[str, object] | None = None, **surface: object) -> Keys:
+def keys(*changes: Mapping[str, object], channel: dict[str, object] | None = None, **surface: object) -> Keys:
     """Return the keys for channels that differ in this from a quiet one."""
     channels = [replace(QUIET, channel=f"s{at}", **change) for at, change in enumerate(changes, 1)]  # type: ignore[arg-type]
     return keys_of(channels, surface_of(len(changes), channel, **surface))
