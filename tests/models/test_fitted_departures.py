@@ -168,6 +168,7 @@ def test_combinations_of_sizes_are_weighed_by_the_probability_of_the_recording(n
         about = full.session.about(dict(zip(kinds, row.tolist(), strict=True)))[free]
         own = np.linalg.inv(information + np.diag(about**-2))
         assert covariance[np.ix_(free, free)] == pytest.approx(own, abs=1e-6)
+        assert np.abs(np.delete(covariance, free, axis=0)).max() == 0
         assert mean[free] == pytest.approx(own @ pull, abs=1e-4)
         logs.append((pull @ own @ pull + np.linalg.slogdet(own)[1]) / 2 - np.log(about).sum())
     expected = np.exp(np.array(logs) - max(logs))
