@@ -222,7 +222,7 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slop
     force = flat @ residual.ravel()
     stiffness.flat[:: 2 * count + 1] *= 1 + ALIKE
     prior = 1 / (DAMPING * poles.frequency) ** 2
-    diagonal = stiffness.reshape(-1)[:: 2 * count + 1]
+    diagonal = np.einsum("ii->i", stiffness)
     diagonal[:count] += prior
     diagonal[count:] += 1 / math.pi**2
     force[:count] -= prior * poles.decay
@@ -230,7 +230,7 @@ def fit(times: FloatArray, values: FloatArray, poles: Poles, band: Band, *, slop
     moved = -(mixed[0] @ changes)  # the constant, by decays and frequencies
     spread = np.linalg.inv(stiffness)
     covariance = moved.T @ spread @ moved
-    covariance.reshape(-1)[:: channels + 1] += inverse[0, 0]
+    covariance.flat[:: channels + 1] += inverse[0, 0]
     step = spread @ force
     following = Poles(poles.decay + step[:count], poles.frequency + step[count:]).within(band)
     step = np.concatenate([following.decay - poles.decay, following.frequency - poles.frequency])

@@ -64,7 +64,7 @@ def is_step(sums: Sums, sizes: NDArray[np.intp], clearly: float) -> NDArray[np.b
     """Return whether the last `sizes` rows and as many before them differ like a step, and not like a slope."""
     edges = 2 * sizes[:, np.newaxis] * np.arange(BINS, -1, -1) // BINS
     values, number = sums.each(edges)
-    ages = (edges[:, :-1] + edges[:, 1:] - 1) / (2.0 * sizes[:, np.newaxis])
+    ages = edges[:, :-1] + edges[:, 1:]  # times two, which changes no share
     step = np.broadcast_to(np.arange(BINS) >= BINS // 2, ages.shape)
     shapes = np.stack([step, ages])[..., np.newaxis]
     centred = shapes - (shapes * number).sum(axis=2, keepdims=True) / np.maximum(number.sum(axis=1), 1)[:, np.newaxis]
