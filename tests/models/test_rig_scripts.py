@@ -97,21 +97,93 @@ def test_a_wrong_load_by_hand_is_refused_in_one_line(line: str, said: str) -> No
         load_of(line, PLATE)
 
 
-def test_the_default_script_stays_in_the_range_of_the_scene() -> None:
-    script = default_script(load_scene(SCENES / "bench.toml")[0])
-    loads = [script.at(time) for time in np.arange(0, 19, 0.05)]
-    touching = [load for load in loads if isinstance(load.place_mm, float)]
-    assert 0.6 < len(touching) / len(loads) < 0.95
-    assert all(isinstance(one.place_mm, float) and 1 <= one.place_mm <= 399 for one in touching)
-    assert all(2 <= load.force_n <= 20 for load in touching)
+BUILT_IN = (
+    (1.0, None, None),
+    (2.0, (0.25, 0.25), ("middle", "middle")),
+    (3.0, (0.25, 0.75), ("middle", "middle")),
+    (1.5, (0.75, 0.75), ("middle", "middle")),
+    (1.0, None, None),
+    (2.0, (0.5, 0.5), ("largest", "largest")),
+    (3.0, (0.5, 0.2), ("largest", "middle")),
+    (1.0, None, None),
+    (1.5, (0.4, 0.4), ("halfway", "halfway")),
+    (2.5, (0.4, 0.8), ("middle", "largest")),
+)
+"""Seconds of each step, places over the range, and forces, as the page has them."""
+FORCES_N = {"halfway": 6.5, "middle": 11.0, "largest": 20.0}
+"""Those of a scene with 2 to 20 N."""
 
 
-def test_the_default_script_of_a_plate_stays_in_both_ranges_and_moves_along_both() -> None:
-    script = default_script(load_scene(SCENES / "plate-on-springs.toml")[0])
-    loads = [script.at(time) for time in np.arange(0, 19, 0.05)]
-    places = np.array([load.place_mm for load in loads if load.place_mm is not None])
-    assert np.all((places >= 10) & (places <= [390, 290]))
-    assert np.all(np.ptp(places, axis=0) > [150, 100])
+def loads_of_built_in(name: str) -> list[tuple[Load, Load]]:
+    """The loads at the beginning and near the end of each step of the built-in script, of a scene with 2 to 20 N."""
+    scene = load_scene(SCENES / f"{name}.toml")[0]
+    contact = scene.contact.model_copy(update={"force_n": (2.0, 20.0), "force_tolerance_percent": 0.0})
+    script, begins, loads = default_script(scene.model_copy(update={"contact": contact})), 0.0, []
+    for seconds, _, _ in BUILT_IN:
+        loads.append((script.at(begins), script.at(begins + seconds * (1 - 1e-9))))
+        begins += seconds
+    assert script.at(begins + 1.5) == script.at(1.5)  # again and again
+    return loads
+
+
+@pytest.mark.promise(
+    "docs/reference/rig.md",
+    "Its places are shares of the range of contacts, and its forces those of the scene",
+)
+def test_the_built_in_script_touches_rests_moves_and_lifts_as_its_table_says() -> None:
+    for (_, places, forces), loads in zip(BUILT_IN, loads_of_built_in("bench"), strict=True):
+        for end, load in enumerate(loads):
+            if places is None or forces is None:
+                assert load == Load(None, 0.0)
+            else:
+                assert load.place_mm == pytest.approx(1 + places[end] * 398, abs=1e-5)
+                assert load.force_n == pytest.approx(FORCES_N[forces[end]], abs=1e-6)
+
+
+def test_the_built_in_script_of_a_plate_falls_along_y_as_it_rises_along_x() -> None:
+    for (_, places, _), loads in zip(BUILT_IN, loads_of_built_in("plate-on-springs"), strict=True):
+        for end, load in enumerate(loads):
+            if places is None:
+                assert load.place_mm is None
+            else:
+                assert load.place_mm == pytest.approx((10 + places[end] * 380, 290 - places[end] * 280), abs=1e-5)
+
+
+def test_a_script_whose_steps_add_up_to_more_than_its_length_ends_with_its_last_load(tmp_path: Path) -> None:
+    path, last_s = tmp_path / "script.toml", 0.6
+    assert last_s < 0.1 + 0.2 + 0.3  # as sums of floats are
+    moving = "position_mm = [100, 300]\nforce_n = [10, 20]"
+    path.write_text(f"[[step]]\nseconds = 0.1\n[[step]]\nseconds = 0.2\n[[step]]\nseconds = 0.3\n{moving}\n")
+    script = load_script(path, Outline.of_beam(400.0))
+    assert script.at(last_s) == Load(300, 20)
+    assert script.at(0.45) == Load(pytest.approx(200), pytest.approx(15))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("line", "load"),
+    [("0 0", Load(0, 0)), ("400 12", Load(400, 12)), ("", Load(None, 0)), (" 7.5  1e1 ", Load(7.5, 10))],
+)
+def test_a_load_by_hand_may_lie_at_either_end_and_weigh_nothing(line: str, load: Load) -> None:
+    assert load_of(line, Outline.of_beam(400.0)) == load
+
+
+@pytest.mark.parametrize("line", ["-0.1 10", "400.1 10", "150 -1", "150 inf", "150 nan", "nan 10"])
+def test_a_load_by_hand_beyond_the_beam_or_without_a_force_is_refused(line: str) -> None:
+    place, force = line.split()
+    said = f"{force} N at {place} mm is no load on a beam of 400 mm"
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}$"):
+        load_of(line, Outline.of_beam(400.0))
+
+
+def test_a_script_may_load_both_ends_of_a_beam_and_nothing_beyond(tmp_path: Path) -> None:
+    path, beam = tmp_path / "script.toml", Outline.of_beam(400.0)
+    for ends in ("0", "400", "[0, 400]", "[400, 0]"):
+        path.write_text(f"[[step]]\nseconds = 2\nposition_mm = {ends}\nforce_n = [0, 3]\n")
+        assert load_script(path, beam).at(1.0).force_n == 1.5
+    for ends in ("-0.5", "400.5", "[0, 400.5]", "[-0.5, 400]"):
+        path.write_text(f"[[step]]\nseconds = 1\n[[step]]\nseconds = 2\nposition_mm = {ends}\nforce_n = 3\n")
+        with pytest.raises(InputError, match=re.escape("step 2: position_mm must lie on the beam, 0..400 mm")):
+            load_script(path, beam)
 
 
 @pytest.mark.promise(
@@ -138,3 +210,87 @@ def test_a_sensor_that_is_stuck_now_and_again_stays_where_it_is_each_time() -> N
     shown = [faults.change(np.array([0.1 * second, 0.5]), second)[0] for second in np.arange(0.0, 6.0, 0.5)]
     held = [0.0, 0.05, 0.1, 0.1, 0.2, 0.25, 0.3, 0.35, 0.4, 0.4, 0.5, 0.55]
     assert shown == pytest.approx(held)
+
+
+def test_faults_of_sensors_change_the_outputs_of_their_channels_alone() -> None:
+    outputs, names = np.array([0.2, 0.3, 0.6, 0.9]), ["s1", "s2", "s3", "s4"]
+    for fault, expected in (
+        ("unplugged:s3", [0.2, 0.3, 0.0, 0.9]),
+        ("inverted:s4", [0.2, 0.3, 0.6, 0.1]),
+        ("swapped:s2,s4", [0.2, 0.9, 0.6, 0.3]),
+        (" stuck:s2 ", [0.2, 0.3, 0.6, 0.9]),
+    ):
+        assert Faults(names, [fault]).change(outputs, 0.0) == pytest.approx(expected)
+    both = Faults(names, ["swapped:s1,s2", "unplugged:s2"])  # in the order in which they were given
+    assert both.change(outputs, 0.0) == pytest.approx([0.3, 0.0, 0.6, 0.9])
+    assert outputs.tolist() == [0.2, 0.3, 0.6, 0.9]
+
+
+def test_a_pause_lasts_as_long_as_the_longest_that_is_on() -> None:
+    faults = Faults(["s1"], ["pause@2..5/10", "pause@4..4.5"])
+    assert [faults.pause_s(seconds) for seconds in (1.9, 2.0, 4.0, 4.75, 5.0, 13.5)] == [0, 3, 1, 0.25, 0, 1.5]
+    faults.add("pause", 7.0)
+    assert (faults.pause_s(6.9), faults.pause_s(7.0)) == (0, np.inf)
+    faults.mend()
+    assert faults.pause_s(7.0) == 0
+
+
+def test_delays_add_up_while_they_are_on() -> None:
+    faults = Faults(["s1"], ["late:80", "late:20@1..2", "pause", "lost:1e-9", "unplugged:s1"])
+    assert [faults.delay_s(seconds) for seconds in (0.5, 1.5, 2.5)] == pytest.approx([0.08, 0.1, 0.08])
+    assert Faults(["s1"]).delay_s(0.0) == 0
+
+
+def test_a_percentage_of_the_replies_is_lost_and_the_same_ones_with_the_same_seed() -> None:
+    def lost(seed: int, fault: str = "lost:30@0..5000") -> list[bool]:
+        faults = Faults(["s1"], [fault, "late:50"], seed)
+        return [faults.delay_s(float(second)) is None for second in range(5050)]
+
+    first = lost(1)
+    assert np.mean(first[:5000]) == pytest.approx(0.3, abs=0.03)  # more than four standard deviations
+    assert not any(first[5000:])
+    assert (first == lost(1), first == lost(2)) == (True, False)
+    assert Faults(["s1"], ["lost:30"]).delay_s(0.0) == Faults(["s1"], ["lost:30"], 0).delay_s(0.0)
+    assert all(lost(1, "lost:100"))
+
+
+@pytest.mark.parametrize("fault", ["lost:100", "late:60000", "late:0.5", "pause@1.5..2.25/0.8", "stuck:s1@0..3/3.5"])
+def test_the_largest_amounts_and_times_with_fractions_are_taken(fault: str) -> None:
+    Faults(["s1"], [fault])
+
+
+PERCENT, DELAY = "give a percentage up to 100, as in lost:10", "give a delay in ms up to 60000, as in late:80"
+TIMES = (
+    "after @ give the seconds from which and until which it is on, as in @10..20, or @10.., or @0..0.06/0.4 for 0.06 s "
+    "every 0.4 s"
+)
+SENSOR_REPLIES = "with --firmware or a real serial device, only faults of sensors are played"
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        *((f"lost:{amount}", PERCENT) for amount in ("0", "100.5", "-1", "nan", "ten", "")),
+        *((f"late:{amount}", DELAY) for amount in ("0", "60001", "-1", "")),
+        ("pause:", "give times instead, as in pause@10..12"),
+        *((f"pause@{times}", TIMES) for times in ("", "3", "5..5", "5..4", "..5", "1..3/2", "1..3/x", "-1..2")),
+        ("stuck:s1,s2", "give one sensor, as in stuck:s1"),
+        ("unplugged", "give one sensor, as in unplugged:s1"),
+        ("swapped:s1", "give two sensors, as in swapped:s1,s2"),
+        ("swapped:s2,s2", "give two sensors, as in swapped:s1,s2"),
+        ("swapped:s1,s3", "there is no sensor s3; the sensors are s1, s2"),
+    ],
+)
+def test_a_wrong_fault_is_refused_with_an_example(fault: str, said: str) -> None:
+    with pytest.raises(InputError) as refused:
+        Faults(["s1", "s2"], [fault])
+    assert str(refused.value) == f"fault {fault}: {said}"
+
+
+def test_a_rig_that_cannot_hold_replies_back_plays_faults_of_sensors_only() -> None:
+    Faults(["s1"], ["stuck:s1"], own_line=False)
+    with pytest.raises(InputError, match=f"fault late:80: {SENSOR_REPLIES}"):
+        Faults(["s1"], ["late:80"], own_line=False)
+    typed = Faults(["s1"])
+    with pytest.raises(InputError, match="begins at once and ends with mend; leave out @"):
+        typed.add("pause@1..2", 3.0)
