@@ -1,6 +1,7 @@
 """The arguments that scripts give, checked, and the bounds that messages name."""
 
 import math
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,16 +91,15 @@ def rounded(value: float, standard_error: float) -> str:
 
 
 def at_most(value: float) -> float:
-    """Return the largest number with two digits that is not more than a value; 0 for less than 1e-300."""
-    if value < 1e-300:
-        return 0.0
-    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return math.floor(value / digit) * digit
+    """Return the largest number with two digits that is not more than a value."""
+    return _two_digits(value, ROUND_FLOOR)
 
 
 def at_least(value: float) -> float:
-    """Return the smallest number with two digits that is not less than a positive value; infinity for over 1e300."""
-    if value > 1e300:
-        return math.inf
-    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return math.ceil(value / digit) * digit
+    """Return the smallest number with two digits that is not less than a value; infinity beyond the largest float."""
+    return _two_digits(value, ROUND_CEILING)
+
+
+def _two_digits(value: float, way: str) -> float:
+    # In decimals, because in floats 0.29 is 28.999... hundredths.
+    return float(Context(prec=2, rounding=way).create_decimal(repr(float(value))))
