@@ -75,6 +75,40 @@ def complaint(path: Path) -> str:
             "named.A1: must match the pattern '^[a-z]+$' (given: \"A1\")",
         ),
         (f"max_mm = '{'x' * 1000}'", f'max_mm: must be a number (given: "{CROSSES}...)'),
+        (f"max_mm = '{'x' * 79}'", f'max_mm: must be a number (given: "{CROSSES}...)'),
+        (f"max_mm = '{'x' * 78}'", f'max_mm: must be a number (given: "{"x" * 78}")'),
+        ("shape = {radius_mm = 1.0}", "shape.kind is missing; add it"),
+        (
+            "shape = {kind = 'squar', side_mm = 1.0}",
+            'shape.kind: must be "round" or "square"; did you mean "square"? (given: "squar")',
+        ),
+        ("shape = {kind = 'line'}", 'shape.kind: must be "round" or "square" (given: "line")'),
+        ("count = 'many'", 'count: must be a whole number or "auto" (given: "many")'),
+        ("pair = [1.0]", "pair: must have 2 entries, not 1 (given: [1.0])"),
+        ("holes = 1", "holes: must be a list, as [1, 2] (given: 1)"),
+        ("named = 1", "named: must be one table, as { key = 1 } (given: 1)"),
+        ("max_m = 1.0", "unknown key max_m; did you mean max_mm?"),
+        ("mm = 1.0", "unknown key mm; did you mean max_mm?"),
+        ("max = 1.0\nmm = 2.0", "unknown key max; did you mean max_mm? (and 1 more)"),
+        ("side_mm = 1.0", "unknown key side_mm; it belongs in [shape]"),
+        ("wholly = 1.0", "unknown key wholly; remove it or correct its spelling"),
+        ("[beam]", "unknown key beam; it belongs in a scene; is this the right file?"),
+        ("[publish]", "unknown key publish; it belongs in a configuration of the daemon; is this the right file?"),
+        ("[[step]]", "unknown key step; it belongs in a script of the rig; is this the right file?"),
+        (
+            "max_mm = 1,5",
+            "not valid TOML: Expected newline or end of document after a statement (at line 1, column 11); one key per "
+            "line, text in quotes, decimals with a point, and no unit behind a number",
+        ),
+        (
+            "max_mm = True",
+            "not valid TOML: Invalid value (at line 1, column 10); text needs quotes, and true and false are in lower "
+            "case",
+        ),
+        (
+            "max_mm = 1\nmax_mm = 2",
+            "not valid TOML: Cannot overwrite a value (at end of document); the key is there twice",
+        ),
     ],
 )
 def test_an_error_is_one_line_with_the_key_as_in_the_file(tmp_path: Path, text: str, said: str) -> None:

@@ -1,13 +1,25 @@
 """The log of both programs: lines about what repeats, and the two formats."""
 
+import argparse
 import json
 import logging
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime
 
 import pytest
 
-from beamtouch_common.log_lines import MAX_REASONS, JsonFormatter, Repeated, RepeatedFilter, TextFormatter
+from beamtouch_common.log_lines import (
+    MAX_REASONS,
+    JsonFormatter,
+    Level,
+    Repeated,
+    RepeatedFilter,
+    TextFormatter,
+    add_level_option,
+    set_up,
+)
 
 LOG = logging.getLogger("beamtouch_tests.log")
 
@@ -129,3 +141,90 @@ def test_a_line_of_text_has_its_zone(monkeypatch: pytest.MonkeyPatch, zone: str,
     finally:
         monkeypatch.undo()
         time.tzset()
+
+
+def levels(*words: str) -> list[Level]:
+    parser = argparse.ArgumentParser()
+    add_level_option(parser, "beamtouch_daemon", ["sources", "delivery"])
+    given: list[Level] = parser.parse_args(words).log_level
+    return given
+
+
+def test_levels_are_of_the_program_or_of_a_part_of_it() -> None:
+    assert levels() == []
+    assert levels("--log-level", "debug", "--log-level", "sources=error") == [
+        Level("beamtouch_daemon", logging.DEBUG),
+        Level("beamtouch_daemon.sources", logging.ERROR),
+    ]
+    assert levels("--log-level", "warning") == [Level("beamtouch_daemon", logging.WARNING)]
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("loud", "'loud' must end with one of debug, info, warning, error"),
+        ("sources=loud", "'sources=loud' must end with one of debug, info, warning, error"),
+        ("other=info", "'other=info' must begin with one of delivery, sources"),
+        ("=info", "'=info' must begin with one of delivery, sources"),
+    ],
+)
+def test_another_level_or_part_is_refused(word: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        levels("--log-level", word)
+    assert said in capsys.readouterr().err
+
+
+@contextmanager
+def own_loggers() -> Iterator[logging.Logger]:
+    """Loggers without handlers and levels; those of the tests are put back."""
+    root, names = logging.getLogger(), ("", "pymodbus", "beamtouch_tests", "beamtouch_tests.log")
+    before, handlers = {name: logging.getLogger(name).level for name in names}, root.handlers[:]
+    root.handlers = []
+    for name in names:
+        logging.getLogger(name).setLevel(logging.NOTSET)
+    try:
+        yield root
+    finally:
+        root.handlers = handlers
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
+
+
+@pytest.mark.parametrize(
+    ("given", "root", "program", "part"),
+    [
+        ([], logging.INFO, logging.NOTSET, logging.NOTSET),
+        ([Level("beamtouch_tests", logging.DEBUG)], logging.INFO, logging.DEBUG, logging.NOTSET),
+        ([Level("beamtouch_tests", logging.ERROR)], logging.ERROR, logging.ERROR, logging.NOTSET),
+        ([Level("beamtouch_tests", logging.INFO)], logging.INFO, logging.INFO, logging.NOTSET),
+        ([Level("beamtouch_tests.log", logging.ERROR)], logging.INFO, logging.NOTSET, logging.ERROR),
+    ],
+)
+def test_less_of_a_program_is_less_of_its_libraries_and_a_part_has_a_level_of_its_own(
+    given: list[Level], root: int, program: int, part: int
+) -> None:
+    with own_loggers() as logger:
+        set_up(levels=given)
+        found = [logging.getLogger(name).level for name in ("", "beamtouch_tests", "beamtouch_tests.log", "pymodbus")]
+        (handler,) = logger.handlers
+    assert found == [root, program, part, logging.CRITICAL]
+    assert isinstance(handler.formatter, TextFormatter)
+
+
+def test_a_log_may_be_json() -> None:
+    with own_loggers() as logger:
+        set_up(as_json=True)
+        (handler,) = logger.handlers
+    assert isinstance(handler.formatter, JsonFormatter)
+
+
+def test_the_shortest_time_between_lines_can_be_chosen(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
+    repeated = Repeated(LOG, "press-7", every_s=5.0, clock=clock)
+    for clock.now_s in (0.0, 4.9, 5.0, 9.9):
+        repeated.failed("no answer from port 3", "no answer")
+    assert caplog.messages == [
+        "press-7: no answer from port 3",
+        "press-7: no answer from port 3 (2 times since the last such line)",
+    ]
+    assert repeated.line_if_due("no answer from port 4", "no answer") == ""
+    assert repeated.line_if_due("no answer from port 4") == "no answer from port 4"
