@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,14 +12,13 @@ from scipy.stats import chi2
 from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import require_writable, write_atomically
-from beamtouch_common.units import MM
 from beamtouch_models.arrays import Floats
+from beamtouch_models.commands.fit_in_words import departures_in_words, each_fine, percent_of, scale_in_words
 from beamtouch_models.commands.shared import require_one_axis, shown_progress
 from beamtouch_models.design.building.replaced import require_model
 from beamtouch_models.design.calibration.calibrate import Calibrated, CheckedFit, calibrate
 from beamtouch_models.design.calibration.choice import has_one_scale
 from beamtouch_models.design.calibration.doubts import common_in_words
-from beamtouch_models.design.calibration.nominal_surface import SPRING
 from beamtouch_models.design.calibration.recordings import read_contacts, read_loads
 from beamtouch_models.design.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.design.calibration.session import DRIFTING, SHIFT, WEIGHT
@@ -27,11 +26,9 @@ from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.printing import Result
 from beamtouch_models.design.surface import resolve_model
 from beamtouch_models.runtime import loading
-from beamtouch_models.runtime.departures import Departures
 from beamtouch_models.runtime.health.changes import DRIFT
 from beamtouch_models.runtime.health.residuals import LoadErrors
 from beamtouch_models.runtime.loading import ModelFile
-from beamtouch_models.runtime.metadata import Metadata
 
 MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
@@ -42,8 +39,6 @@ SAME_FORCE = (
     "all loads have about the same force, so a weight that was forgotten would pass for a softer beam; record some "
     "loads with another force, such as half of it"
 )
-HARDLY = 0.6
-"""Error of the stiffness of a spring, over what is plausible before any load, from which loads tell little of it."""
 SCALED = 2.0
 """Standard errors from which a scale of all deflections is more than chance."""
 TELL_APART = (
@@ -95,7 +90,7 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
         calibrated = calibrate(model, loads, progress, options.mounting_mm, Effort(options.effort))
     fit, before, after, limit_mm = calibrated.fit, calibrated.before_mm, calibrated.after_mm, calibrated.limit_mm
     errors = fit.nominal.standard_errors(fit.vector, fit.spread)
-    words = _departures_in_words(calibrated.metadata, fit.departures, errors)
+    words = departures_in_words(calibrated.metadata, fit.departures, errors)
     drift, drift_errors = fit.session.rates_um_per_min(fit.vector), fit.session.rates_um_per_min(fit.spread)
     scale = _scale(calibrated)
     is_scaled = scale is not None and abs(scale[0]) > SCALED * scale[1]
@@ -122,11 +117,11 @@ def _calibrate_with_loads(model: ModelFile, options: argparse.Namespace) -> Told
         ("loads", f"{len(before)}, {placed}"),
         *common_in_words(fit, calibrated.sure).items(),
         *(
-            ("scale", _scale_in_words(*scale)) if kind == "rigidity" and scale is not None else (kind, text)
+            ("scale", scale_in_words(*scale)) if kind == "rigidity" and scale is not None else (kind, text)
             for kind, text in words.items()
         ),
         *(
-            [("drift", f"{_each_fine(calibrated.metadata, drift, drift_errors)} a minute")]
+            [("drift", f"{each_fine(calibrated.metadata, drift, drift_errors)} a minute")]
             if DRIFTING in fit.kinds
             else []
         ),
@@ -147,11 +142,6 @@ def _scale(checked: CheckedFit) -> tuple[float, float] | None:
         return None
     softer = 1 / fit.departures.rigidity
     return softer - 1, softer**2 * float(fit.nominal.standard_errors(fit.vector, fit.spread)["rigidity"][0])
-
-
-def _scale_in_words(value: float, error: float) -> str:
-    percent = f"{digits(100 * abs(value), 3)} +- {digits(100 * error, 2)} % {'less' if value < 0 else 'more'}"
-    return f"deflects {percent} per newton than the scene says: rigidity, gains or forces"
 
 
 def _common(checked: CheckedFit, kind: str, size_of: Callable[[Floats], float | Floats]) -> dict[str, Any] | None:
@@ -186,7 +176,7 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
     fit, remaining = self_fit.fit, self_fit.remaining
     # Errors of gains without the common scale, which is the force's.
     errors = fit.nominal.standard_errors(fit.vector, np.sqrt(np.diag(remaining.relative)))
-    words = _departures_in_words(metadata, fit.departures, errors)
+    words = departures_in_words(metadata, fit.departures, errors)
     expected, single = float(chi2.median(fit.nominal.degrees)), float(fit.single.sum())
     open_mm = float(np.sqrt((remaining.position_mm**2).mean()))
     force = metadata.calibration.force_error if metadata.calibration else 0.0
@@ -201,7 +191,7 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
     }
     misfits = f"{digits(self_fit.misfit_before, 3)} before, {digits(self_fit.misfit_after, 3)} after"
     change = f"changes by {digits(remaining.shift_mm, 3)} mm (root mean square)"
-    before, after = (_percent(floor.gain) for floor in (model.metadata.floor, metadata.floor))
+    before, after = (percent_of(floor.gain) for floor in (model.metadata.floor, metadata.floor))
     rows = [
         ("contacts", f"{len(contacts)}, of which about {len(contacts) - single:.0f} are not single contacts"),
         *((kind, words[kind]) for kind in KINDS if kind in words),
@@ -211,70 +201,3 @@ def _calibrate_with_contacts(model: ModelFile, options: argparse.Namespace) -> T
         ("floor", f"gains +- {before} before, +- {after} now"),
     ]
     return calibrated, fields, rows, ""
-
-
-def _departures_in_words(metadata: Metadata, found: Departures, errors: Mapping[str, Floats]) -> dict[str, str]:
-    """Return each kind of departure with its standard errors, in the units of the departures, as text."""
-
-    def each(values: list[float], spread: Floats, factor: float = 1.0, centre: float = 0.0) -> str:
-        return _each(metadata, (np.array(values) - centre) * factor, spread * factor)
-
-    shown = {
-        "rigidity": f"{(found.rigidity - 1) * 100:+.2f} +- {errors['rigidity'][0] * 100:.2f} %",
-        "gain": f"{each(found.gain, errors['gain'], 100.0, 1.0)} %",
-    }
-    if "position" in errors:
-        shown["position"] = f"{each(found.position_offset_mm, errors['position'])} mm"
-    if "x" in errors and found.across_offset_mm is not None:
-        shown["x"] = f"{each(found.position_offset_mm, errors['x'])} mm"
-        shown["y"] = f"{each(found.across_offset_mm, errors['y'])} mm"
-    if "springs" in errors and found.spring_stiffness is not None:
-        shown["springs"] = _springs_in_words(metadata, found.spring_stiffness, errors["springs"])
-    shown["curve"] = f"{found.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per {metadata.unit}"
-    shown["offset"] = _each_fine(metadata, 1e3 * np.array(found.offset_mm), 1e3 * errors["offset"])
-    if "fixity" in errors:
-        ends = zip(found.fixity, errors["fixity"], strict=True)
-        left, right = (f"{value:.3f} +- {error:.3f}" for value, error in ends)
-        shown["fixity"] = f"left {left}, right {right}"
-    return shown
-
-
-def _springs_in_words(metadata: Metadata, stiffness: Sequence[float], errors: Floats) -> str:
-    """Return by how much each spring of a plate is stiffer than all of them are in common.
-
-    Springs that the loads hardly tell from gains are as uncertain as before them.
-    """
-    plate = resolve_model(metadata).scene.plate
-    supports = () if plate is None else plate.support_list
-    sprung = [place for place, one in enumerate(supports) if one.stiffness_n_per_mm is not None]
-    texts = [
-        f"{place + 1} {100 * (stiffness[place] - 1):+.2f} +- {100 * error:.2f}"
-        for place, error in zip(sprung, errors.tolist(), strict=True)
-    ]
-    hardly = "; these loads hardly tell them from gains" if min(errors) > HARDLY * SPRING else ""
-    return f"{', '.join(texts)} %{hardly}"
-
-
-def _each_fine(metadata: Metadata, values_um: Floats, errors_um: Floats) -> str:
-    """Return the zero of each channel, given in um, with its error and unit, as text."""
-    if metadata.unit == MM:
-        return f"{_each(metadata, values_um, errors_um)} um"
-    texts = (
-        f"{channel.name} {digits(1e-3 * value, 3)} +- {digits(1e-3 * error, 2)}"
-        for channel, value, error in zip(metadata.layout, values_um, errors_um, strict=True)
-    )
-    return f"{', '.join(texts)} {metadata.unit}"
-
-
-def _each(metadata: Metadata, values: Floats, errors: Floats) -> str:
-    """Return the value of each channel with its error, as text."""
-    return ", ".join(
-        f"{channel.name} {value:+.2f} +- {error:.2f}"
-        for channel, value, error in zip(metadata.layout, values, errors, strict=True)
-    )
-
-
-def _percent(values: Sequence[float]) -> str:
-    """Return relative errors as one number, or as their range."""
-    low, high = (digits(100 * end(values), 2) for end in (min, max))
-    return f"{low} %" if low == high else f"{low}..{high} %"
