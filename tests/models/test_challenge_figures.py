@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.stats import chi2, norm
+from scipy.stats import binom, chi2, norm
 
 from beamtouch_models.lab.challenge import faults
 from beamtouch_models.lab.challenge.challenge import Row, distances, ghosts, misses, power_of_shift, scored
@@ -73,6 +73,67 @@ FAULT = replace(GOOD, honest=False, noticed=0.8, power=1.0)
 )
 def test_a_goal_is_missed_only_by_more_than_chance(row: Row, missed: list[str]) -> None:
     assert misses(row) == missed
+
+
+MANY = 400
+"""Samples, contacts and plays of the rows above."""
+
+
+def most_by_chance(share: float) -> int:
+    """Return the largest number of MANY that happens with at least 1 % if each happens with this probability."""
+    return max(count for count in range(MANY) if binom.sf(count - 1, MANY, share) >= 0.01)
+
+
+@pytest.mark.parametrize(
+    ("row", "figure", "goal", "words"),
+    [
+        (GOOD, "misleading", 0.005, "misleading"),
+        (replace(GOOD, plays=MANY), "ghosts", 0.005, "ghosts"),
+        (GOOD, "noted", 0.01, "noted"),
+        (GOOD, "held", 0.07, "held"),
+        (GOOD, "held_unsteady", 0.10, "held"),
+        (FAULT, "noticed", 0.1, "noticed"),
+        (replace(FAULT, power=0.8), "noticed", 0.28, "noticed"),
+        (replace(FAULT, power=0.51), "noticed", 0.541, "noticed"),
+    ],
+)
+def test_a_goal_is_missed_from_the_first_number_that_chance_explains_with_less_than_a_percent(
+    row: Row, figure: str, goal: float, words: str
+) -> None:
+    counts = most_by_chance(goal), most_by_chance(goal) + 1
+    good = figure.startswith("held") or figure == "noticed"
+    within, beyond = (
+        misses(replace(row, **{figure: (1 - count / MANY) if good else count / MANY}))  # type: ignore[arg-type]
+        for count in counts
+    )
+    assert within == []
+    assert [text.split()[0] for text in beyond] == [words]
+
+
+def test_each_figure_is_judged_by_the_number_that_it_is_a_share_of() -> None:
+    few = replace(
+        GOOD, samples=20, plain=20, unsteady=20, plays=20, noted=0.1, ghosts=0.05, held=0.8, held_unsteady=0.75
+    )
+    assert misses(few) == []
+    for name, number, figure in (
+        ("samples", 2000, "noted"), ("plays", 2000, "ghosts"), ("plain", 2000, "held"), ("unsteady", 2000, "held"),
+    ):  # fmt: skip
+        assert [text.split()[0] for text in misses(replace(few, **{name: number}))] == [figure]  # type: ignore[arg-type]
+    assert misses(replace(FAULT, power=0.5, noticed=0.0)) == misses(replace(FAULT, power=None, noticed=None)) == []
+
+
+def test_on_a_plate_the_axis_counts_that_is_worse() -> None:
+    judged = Verdicts.silent(np.ones((1, 4, 4), np.bool_), axes=2).at(list(range(4)))
+    judged.outcome[:] = Outcome.CONTACT
+    judged.place_mm[:], judged.low_mm[:], judged.high_mm[:] = [100.0, 50.0], [90.0, 45.0], [120.0, 65.0]
+    truth = np.array([[103.0, 54.0], [100.0, 38.0], [125.0, 50.0], [97.0, 81.0]])
+    row = scored("a plate", judged, truth, honest=True)
+    # Along x three of four are within, along y two; only 38 and 81 are further than twice the half on their side.
+    assert (row.held, row.misleading) == (0.5, 0.5)
+    assert row.error_mm == pytest.approx((5 + 12 + 25 + np.hypot(3, 31)) / 4)
+    assert row.interval_mm == 25.0  # the median of lengths of 30 and of 20
+    edge = scored("a plate", judged, np.array([[140.0, 50.0], [100.0, 40.0], [80.0, 80.0], [100.0, 50.0]]), honest=True)
+    assert edge.misleading == 0.0
 
 
 def whitened(surface: SimulatedSurface, fault_mm: np.ndarray) -> np.ndarray:
