@@ -1,5 +1,6 @@
 """The charts of the reproduction: what each curve shows, and what belongs together has one colour."""
 
+import json
 from collections import defaultdict
 
 import numpy as np
@@ -7,7 +8,14 @@ import pytest
 
 from beamtouch_models.design.charts import Series
 from beamtouch_models.lab.reproduction.figure_8 import COUNTS, DRAWS, LIMIT_DRAWS, NETWORKS, NOISES_PERCENT, figure_8
-from beamtouch_models.lab.reproduction.figures import figure_2, figure_3, figure_4, figure_7, misprints
+from beamtouch_models.lab.reproduction.figures import (
+    PRINTED_PITCH_MM,
+    figure_2,
+    figure_3,
+    figure_4,
+    figure_7,
+    misprints,
+)
 from beamtouch_models.lab.reproduction.paper import (
     LOADS_MM,
     Figure,
@@ -18,6 +26,7 @@ from beamtouch_models.lab.reproduction.paper import (
     rounded,
     rows_of,
 )
+from beamtouch_models.lab.reproduction.reproduce import Reproduction
 
 
 def curves(figure: Figure) -> dict[str, Series]:
@@ -205,7 +214,11 @@ def test_misprints_have_the_deflection_of_the_beam_beside_them() -> None:
     # 48 / 6 of the cube of 398 of 400 mm: the term that applies only beyond the load, as far before it as can be.
     assert first.ours.startswith("wrong by 7.9 times the largest deflection as printed, by ")
     assert first.ours.endswith(("e-15 with a Macaulay bracket", "e-16 with a Macaulay bracket"))
-    assert (fourth.verdict, pitches.verdict) == ("differs", "differs")
+    assert {row.verdict for row in (first, fourth, pitches)} == {"differs"}
+    # Rounded, of two sensors to five; the paper has them from five to two.
+    ours = [round(400 / (count + 1)) for count in (2, 3, 4, 5)]
+    assert list(PRINTED_PITCH_MM) == ours[::-1]
+    assert (pitches.paper, pitches.ours) == (", ".join(map(str, ours[::-1])), ", ".join(map(str, ours)))
 
 
 def test_the_papers_weight_bends_its_beam_by_the_handbooks_formula() -> None:
@@ -231,3 +244,25 @@ def test_a_verdict_has_its_reason_only_where_it_differs() -> None:
 def test_numbers_for_json_have_seven_digits() -> None:
     given = {"a": np.array([1.23456789, 2.0]), "b": (1.000000049, "text", 12345678), "c": {"d": np.float64(1e-9 / 3)}}
     assert rounded(given) == {"a": [1.234568, 2.0], "b": [1.0, "text", 12345678], "c": {"d": 3.333333e-10}}
+
+
+def test_the_table_of_a_reproduction_counts_its_verdicts_and_shows_each_figure() -> None:
+    figure = figure_2()
+    row = Row("eq. | 1", "", "3", "differs", "a reason")
+    found = Reproduction(7, (figure,), [row, Row("eq. 2", "5", "5", "agrees"), Row("eq. 3", "", "5", "not stated")])
+    assert found.summary() == "2 agrees, 1 differs, 1 not stated"
+    assert [one.quantity for one in found.rows] == [figure.rows[0].quantity, "eq. | 1", "eq. 2", "eq. 3"]
+    files = found.files()
+    assert sorted(files) == ["figure-2-sensor.svg", "results.json", "table.md"]
+    page = files["table.md"].splitlines()
+    assert "Seed 7. Rows: 2 agrees, 1 differs, 1 not stated. All numbers are in `results.json`." in page
+    assert page[6:8] == ["| statement | paper | here | verdict |", "|---|---|---|---|"]
+    assert page[9:12] == [
+        r"| eq. \| 1 | - | 3 | differs: a reason |",
+        "| eq. 2 | 5 | 5 | agrees |",
+        "| eq. 3 | - | 5 | not stated in the paper |",
+    ]
+    assert page[12:] == ["", "![Figure 2](figure-2-sensor.svg)", "", f"Figure 2. {figure.chart.says}."]
+    results = json.loads(files["results.json"])
+    assert (results["seed"], list(results["figures"]), len(results["rows"])) == (7, ["2"], 4)
+    assert results["figures"]["2"]["curves"][1]["x"] == [0.5, 4.5]

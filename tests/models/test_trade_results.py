@@ -67,7 +67,7 @@ def moment(readings: int, since_ms: float, error_mm: float, ringing_mm: float | 
 
 
 OWN = a_model()
-MOMENTS = (moment(1, 5.0, 9.1, 31.0), moment(OWN.filter.window, 12.5, 5.2, 17.3), moment(40, 200.0, 2.3, 2.4))
+MOMENTS = (moment(1, 5.4326, 9.1, 31.0), moment(OWN.filter.window, 12.3456, 5.2, 17.3), moment(40, 212.43, 2.3, 2.4))
 OTHERS: tuple[tuple[MeasuredModel, str], ...] = (
     (a_model(sensors=5, error_mm=4.0), "1 sensor more (5): saves 20 ± 1 %"),
     (a_model(sensors=3, error_mm=7.0), "1 sensor fewer (3): costs 40 ± 2 %"),
@@ -86,7 +86,7 @@ NETWORK = a_model("estimator", error_mm=6.9, estimator="paper-network")
 def traded(*others: MeasuredModel, own: MeasuredModel = OWN, moments: tuple[AnswerAtTime, ...] = MOMENTS) -> Trade:
     models = (own, *others)
     times = tuple(Measurement(17.0 + 11 * number, 0.3) for number in range(len(models)))
-    points = tuple(Point(model, 8, model.reached.error_mm, 41.0 + number, 9) for number, model in enumerate(models))
+    points = tuple(Point(model, 8, model.reached.error_mm, 41.236 + number, 9) for number, model in enumerate(models))
     failure = Failure("sensors", 6, "posterior", "no room for it")
     return Trade(own, models, times, (failure,), moments, points, points[:2])
 
@@ -119,11 +119,11 @@ def test_a_scene_without_a_latency_is_told_of_two_readings() -> None:
 def test_sentences_tell_of_ringing_of_waiting_and_of_other_estimators() -> None:
     *_, rings, waits, network = sentences(traded(NETWORK))
     assert rings == (
-        "While the beam rings after a sudden force, the error is 17.3 ± 0.4 mm after 12.5 ms, instead of "
+        "While the beam rings after a sudden force, the error is 17.3 ± 0.4 mm after 12.3 ms, instead of "
         "5.20 ± 0.06 mm."
     )
     assert waits == (
-        "The first answer comes 5 ms after a touch with 9.10 ± 0.06 mm; after 200 ms at rest the error is "
+        "The first answer comes 5.43 ms after a touch with 9.10 ± 0.06 mm; after 212 ms at rest the error is "
         "2.30 ± 0.06 mm."
     )
     assert network == (
@@ -144,13 +144,13 @@ def test_tables_have_a_row_for_each_model_moment_and_point_of_the_front() -> Non
         ["estimator", "4", "paper-network", "8", str(OWN.filter.window), "6.90 ± 0.05", "1.50 ± 0.01", "39.0 ± 0.3"],
     ]
     assert [list(row) for row in moments.rows] == [
-        ["5", "1", "31.0 ± 0.4", "9.10 ± 0.06", "8.40 ± 0.02"],
-        ["12.5", str(OWN.filter.window), "17.3 ± 0.4", "5.20 ± 0.06", "4.50 ± 0.02"],
-        ["200", "40", "2.4 ± 0.4", "2.30 ± 0.06", "1.60 ± 0.02"],
+        ["5.433", "1", "31.0 ± 0.4", "9.10 ± 0.06", "8.40 ± 0.02"],
+        ["12.35", str(OWN.filter.window), "17.3 ± 0.4", "5.20 ± 0.06", "4.50 ± 0.02"],
+        ["212.4", "40", "2.4 ± 0.4", "2.30 ± 0.06", "1.60 ± 0.02"],
     ]
     assert [list(row) for row in front.rows] == [
-        ["4", "posterior", "8", "41", "5.00 ± 0.05"],
-        ["5", "posterior", "8", "42", "4.00 ± 0.05"],
+        ["4", "posterior", "8", "41.2", "5.00 ± 0.05"],
+        ["5", "posterior", "8", "42.2", "4.00 ± 0.05"],
     ]
     assert any("2 of 3 points" in str(block) for block in told)
     assert told[-1] == [
@@ -175,7 +175,7 @@ def test_json_has_errors_in_percent_of_the_length_and_which_points_are_on_the_fr
     assert five["positions_mm"] == [50, 100, 150, 200, 250]
     assert [point["on_front"] for point in found["points"]] == [True, True, False]
     assert found["points"][1]["error_percent"] == pytest.approx({"value": 1.0, "standard_error": 0.0125})
-    assert (found["points"][1]["latency_ms"], found["points"][1]["readings"]) == (42.0, 8)
+    assert (found["points"][1]["latency_ms"], found["points"][1]["readings"]) == (42.236, 8)
     assert found["failures"] == [
         {"varied": "sensors", "sensors": 6, "estimator": "posterior", "reason": "no room for it"}
     ]

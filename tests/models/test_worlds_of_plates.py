@@ -1,5 +1,6 @@
 """Plates in the simulated world: what the rig plays of them, and what `challenge` puts their models through."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -211,6 +212,39 @@ def test_a_contact_on_the_rim_and_one_on_a_softer_spring_keep_their_true_places(
     off_mm = np.array([softer.deflection_mm[:, -1] - drawn.force_n[:, None] * shape for shape in on_a_soft(drawn)])
     assert np.unique(np.abs(off_mm).max(axis=2).argmin(axis=0)).tolist() == [0, 1, 2, 3]
     assert np.abs(off_mm).max(axis=2).min(axis=0).max() < 1e-9
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "challenge.md"
+
+
+def test_a_plate_goes_through_the_faults_of_the_page(plate_surface: SimulatedSurface) -> None:
+    drawn = DrawnContacts.of(plate_surface, 2, np.random.default_rng(3))
+    cases = [*faults.error_cases(plate_surface), *faults.fault_cases(), *plates.plate_cases(plate_surface)]
+    names = {case.make(drawn).rows[0][0] for case in cases if not case.honest}
+    rows = PAGE.read_text(encoding="utf-8").split("\n## Plates\n")[1].split("\n## ")[0].splitlines()
+    assert names == {row.split(" | ")[0].removeprefix("| ") for row in rows if row.startswith("| ")} - {"case"}
+
+
+def test_heat_adds_the_bow_of_one_kelvin_and_the_rim_bends_by_the_theory(plate_surface: SimulatedSurface) -> None:
+    middles = replace(plate_surface, world=replace(plate_surface.world, sensor_mm=MIDDLES_MM))
+    drawn = DrawnContacts.of(middles, 30, np.random.default_rng(3))
+    for touched in (False, True):
+        hot = plates.hot_above(drawn, touched=touched)
+        contact_mm = drawn.deflection_mm if touched else 0.0
+        assert hot.deflection_mm[:, -1] - contact_mm == pytest.approx(np.tile(heated(PLATE, MIDDLES_MM), (30, 1)))
+        assert np.isnan(hot.truth_mm).all() != touched
+    rim = plates.at_the_rim(drawn)
+    there = rim.truth_mm[:, -1]
+    assert rim.deflection_mm[:, -1] == pytest.approx(influence(PLATE, MIDDLES_MM, there) * drawn.force_n[:, None])
+    # Ten millimetres deep along each edge; elsewhere a contact is where it was drawn.
+    assert plates.beyond_mm(middles).tolist() == [[10.0, 10.0], [10.0, 10.0]]
+    moved = there != drawn.place_mm
+    assert (moved.sum(axis=1) == 1).all()
+    assert np.unique(np.argwhere(moved)[:, 1] * 2 + (there > [200, 150])[moved]).tolist() == [0, 1, 2, 3]
+
+
+MIDDLES_MM = np.array([[100.0, 75.0], [300.0, 75.0], [150.0, 225.0], [300.0, 200.0]])
+"""Places of sensors at which heat shows, which the corners do not."""
 
 
 def on_a_soft(drawn: DrawnContacts) -> list[Floats]:
