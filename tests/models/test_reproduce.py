@@ -94,6 +94,22 @@ def test_figures_5_and_6_merge_eight_sensors_into_the_papers_four_places(
     performance = np.array(sixth.results()["curves"][0]["y"])
     assert (np.diff(performance) <= 0).all()
     assert (performance[-1], sixth.numbers["first_over_last"]) == (1, pytest.approx(performance[0], rel=1e-3))
+    # What the pages of figures 5 and 6 say of the same positions and performances.
+    final, numbers = places[-1], fifth.numbers
+    assert numbers["off_mm"] == np.abs(final - EXPECTED_MM).max()
+    assert numbers["pair_mm"] == max(final[1::2] - final[::2])
+    assert numbers["asymmetry_mm"] == max(abs(one + other - 400) for one, other in zip(final, final[::-1], strict=True))
+    assert (numbers["groups"], numbers["searches"]) == (4, len(iterations))
+    assert (numbers["fewest"], numbers["most"]) == (min(iterations), max(iterations))
+    *tracks, read_off = fifth.chart.series
+    for sensor, track in enumerate(tracks):
+        assert (list(track.x), list(track.y)) == (places[:, sensor].tolist(), list(range(len(places))))
+    assert (list(read_off.x), list(read_off.y)) == (list(EXPECTED_MM), [len(places) - 1] * 8)
+    half = sixth.numbers["half"]
+    assert performance[half] < (1 + performance[0]) / 2 <= performance[half - 1]
+    convergence = sixth.chart.series[1]
+    assert "about 20 iterations" in convergence.label
+    assert (list(convergence.x), list(convergence.y)) == ([20, 20], [1, pytest.approx(performance[0], rel=1e-6)])
     last = sixth.numbers["log_eigenvalue_product"][-1]
     assert last == pytest.approx(np.log(eigenvalues(places[-1])[:4]).sum(), abs=1e-5)
     assert last == pytest.approx(-52.676, abs=1e-3)
