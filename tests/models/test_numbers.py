@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.numbers import (
@@ -119,15 +120,16 @@ def test_places_lie_within_their_bounds() -> None:
     assert places_within([3, 4], "p", low[:1], high[:1]).tolist() == [[3.0], [4.0]]
     assert places_within([3, 24], "p", low, high).tolist() == [[3.0, 24.0]]
     assert places_within([[1, 30], [9, 20]], "p", low, high).tolist() == [[1.0, 30.0], [9.0, 20.0]]
-    for places in ([], [1, 2, 3], [[[3, 24]]], [[1], [2]]):
+    wrong: tuple[ArrayLike, ...] = ([], [1, 2, 3], [[[3, 24]]], [[1], [2]])
+    for places in wrong:
         with pytest.raises(SceneError, match=r"^p: give 2 numbers for each place, x and y$"):
             places_within(places, "p", low, high)
-    for places, said in (([[3, 31]], "from 20 to 30"), ([[0.5, 24]], "from 1 to 9")):
+    for place, said in (([[3, 31]], "from 20 to 30"), ([[0.5, 24]], "from 1 to 9")):
         with pytest.raises(SceneError, match=f"^p: must be finite {said}"):
-            places_within(places, "p", low, high)
-    for places in ([400.5], [-0.5]):
+            places_within(place, "p", low, high)
+    for position in ([400.5], [-0.5]):
         with pytest.raises(SceneError, match=r"^p: must be finite from 0 to 400"):
-            places_in(places, "p", 400.0)
+            places_in(position, "p", 400.0)
 
 
 EXTENT = Extent(((10.0, 40.0), (100.0, 160.0)))

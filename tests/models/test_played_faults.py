@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beamtouch_models.arrays import Floats
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.scene import change_scene
 from beamtouch_models.lab.challenge import drift, faults
 from beamtouch_models.lab.challenge.play import DrawnContacts, Play, SimulatedSurface
@@ -48,7 +48,7 @@ def test_a_surface_whose_zeros_stay_has_no_case_of_drift(surface: SimulatedSurfa
     assert drift.drift_cases(replace(surface, walk=None)) == []
 
 
-def off_and_alike(at: DrawnContacts, play: Play) -> tuple[Floats, Floats]:
+def off_and_alike(at: DrawnContacts, play: Play) -> tuple[Floats, Bools]:
     """Return what a play's sensors show beyond the contacts (draws, channels), and which channels do."""
     off = play.deflection_mm[:, -1] - at.deflection_mm
     return off, np.abs(off) > 1e-12
