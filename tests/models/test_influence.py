@@ -3,6 +3,7 @@
 The lift of a span follows from it.
 """
 
+import math
 from typing import Any
 
 import mpmath
@@ -119,6 +120,13 @@ def test_beams_beyond_float64_are_refused() -> None:
 def test_a_fixity_goes_to_a_support_that_is_there() -> None:
     one, none = (unit_beam(supports, foundation_n_mm2=1.0) for supports in ([{"at_mm": 0.0}], []))
     assert [support.fixity for support in changed_beam(one, 1.0, (0.3, 0.0)).support_list] == [0.3]
+    three = unit_beam(simple(0.0, 0.4, 1.0))
+    assert [support.fixity for support in changed_beam(three, 1.0, (0.3, 0.2)).support_list] == [0.3, 0.0, 0.2]
+    assert [support.fixity for support in changed_beam(three, 1.0, (0.0, 0.2)).support_list] == [0.0, 0.0, 0.2]
+    with pytest.raises(SceneError, match="fixity: that support is already fixed; give it 0"):
+        changed_beam(unit_beam("propped"), 1.0, (0.1, 0.2))
+    with pytest.raises(SceneError, match="rigidity: must be a finite number"):
+        changed_beam(three, math.inf, (0.0, 0.0))
     for beam, fixity, said in ((none, (0.1, 0.0), "the beam has no support"), (one, (0.1, 0.2), "the beam has 1 sup")):
         with pytest.raises(SceneError, match=said):
             changed_beam(beam, 1.0, fixity)

@@ -30,6 +30,37 @@ def test_every_material_is_plausible_and_names_its_source(name: MaterialName) ->
     assert len(material.source) > 20
 
 
+@pytest.mark.parametrize(
+    ("name", "modulus_gpa", "range_gpa", "density_kg_m3", "expansion_um_per_m_k", "poisson_ratio", "strength_mpa"),
+    [
+        # EN 1993-1-1 and 1993-1-2, EN 10088-1 (1.4301), EN 10270-1, EN 1999-1-1, EN 572-1; ranges and brass: Gere &
+        # Goodno, app. I; plastics: their data sheets; glass fibre: NEMA LI 1 and IEC 60893-3-2.
+        ("steel", 210, (190, 215), 7850, 12, 0.3, 235),
+        ("stainless", 200, (185, 220), 7900, 16, 0.3, None),
+        ("spring-steel", 206, (185, 215), 7850, 12, 0.3, None),
+        ("aluminium", 70, (68, 79), 2700, 23, 0.3, None),
+        ("brass", 103, (96, 110), 8500, 20, 0.34, None),
+        ("glass", 70, (48, 83), 2500, 9, 0.2, 45),
+        ("acrylic", 3.3, (2.2, 3.8), 1190, 70, 0.37, None),
+        ("polycarbonate", 2.4, (2.0, 2.5), 1200, 65, 0.38, 60),
+        ("glass-fibre", 20, (15, 28), 1850, 14, 0.14, None),
+    ],
+)
+def test_a_material_has_the_values_of_its_standard(
+    name: MaterialName,
+    modulus_gpa: float,
+    range_gpa: tuple[float, float],
+    density_kg_m3: float,
+    expansion_um_per_m_k: float,
+    poisson_ratio: float,
+    strength_mpa: float | None,
+) -> None:
+    material = MATERIALS[name]
+    assert (material.youngs_modulus_gpa, material.modulus_range_gpa) == (modulus_gpa, range_gpa)
+    assert (material.density_kg_m3, material.expansion_um_per_m_k) == (density_kg_m3, expansion_um_per_m_k)
+    assert (material.poisson_ratio, material.strength_mpa) == (poisson_ratio, strength_mpa)
+
+
 def test_a_material_is_worth_its_modulus_and_density_to_the_bit() -> None:
     text = (SCENES / "bench.toml").read_text()
     stated = parse_scene(text, "stated")

@@ -104,10 +104,10 @@ def patch_influence(span: Span, sensor_mm: Floats, low_mm: Floats, high_mm: Floa
     at_sensor = (x - span.start_mm, span.end_mm - x)
     middle = np.clip(x, low, high)
     width = high - low
-    wide = width > 0
     total = np.zeros(np.broadcast_shapes(x.shape, low.shape))
     for start, end in ((low, middle), (middle, high)):
-        share = np.where(wide, (end - start) / np.where(wide, width, 1.0), 0.5)
+        # Both halves of a point have half of the force.
+        share = np.divide(end - start, width, out=np.full(total.shape, 0.5), where=width > 0)
         for fraction in GAUSS:
             place = (
                 (start - span.start_mm) * (1 - fraction) + (end - span.start_mm) * fraction,

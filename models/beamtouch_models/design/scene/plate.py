@@ -81,8 +81,6 @@ class Plate(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if self.material is None and self.youngs_modulus_gpa is None:
-            raise ValueError("give material or youngs_modulus_gpa")
         if not SMALLEST_NORMAL <= self.rigidity_n_mm < math.inf:
             raise ValueError(f"a flexural rigidity of {self.rigidity_n_mm:g} N mm cannot be computed with")
         self._check_supports()
@@ -97,8 +95,9 @@ class Plate(Strict):
                 if value is not None and not 0 <= value <= length:
                     raise ValueError(f"supports: {key} = {value:g} lies off the plate, 0..{length:g} mm")
         places = [_where(support) for support in self.support_list]
-        if twice := [place for place in places if places.count(place) > 1]:
-            raise ValueError(f"supports: two stand at {in_words(twice[0])}; keep one")
+        for place in places:
+            if places.count(place) > 1:
+                raise ValueError(f"supports: two stand at {in_words(place)}; keep one")
         if not _spread(self.support_points) > LEAST_SPREAD * max(self.size_mm):
             raise ValueError("supports: all lie on one line, so the plate can tilt; add a support beside that line")
 
@@ -150,9 +149,11 @@ class Plate(Strict):
 
     @property
     def modulus_gpa(self) -> float:
-        """Young's modulus, as stated or of the material."""
-        if self.youngs_modulus_gpa is not None or self.material is None:
-            return self.youngs_modulus_gpa or 0.0
+        """Young's modulus, as stated or of the material; ValueError if the scene gives neither."""
+        if self.youngs_modulus_gpa is not None:
+            return self.youngs_modulus_gpa
+        if self.material is None:
+            raise ValueError("give material or youngs_modulus_gpa")
         return MATERIALS[self.material].youngs_modulus_gpa
 
     @property

@@ -65,9 +65,9 @@ def too_noisy(sensors: Sensors) -> Iterator[str]:
 def in_its_unit(unit: str, sensors: Sensors) -> Iterator[str]:
     """Yield what to change in the range of sensors that show a unit: gaps are positive, other values need a range."""
     if unit == MM:
-        for key, values in (("range_mm", sensors.range_mm), ("standoff_mm", [sensors.standoff_mm or 1.0])):
-            if min(values) <= 0:
-                yield f"sensors.{key}: a gap must be greater than 0, not {min(values):g}"
+        # A stand-off lies within the range.
+        if sensors.range_mm[0] <= 0:
+            yield f"sensors.range_mm: a gap must be greater than 0, not {sensors.range_mm[0]:g}"
     elif "range_mm" not in sensors.model_fields_set:
         yield (
             f"sensors.range_mm is missing: state the smallest and the largest value in {unit} that the sensors show, "

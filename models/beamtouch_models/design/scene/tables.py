@@ -222,13 +222,14 @@ class Sensors(Strict):
             raise ValueError(f"range_mm = {list(self.range_mm)}: the first must be less than the second")
         if self.standoff_mm is not None and not self.range_mm[0] <= self.standoff_mm <= self.range_mm[1]:
             raise ValueError(f"standoff_mm = {self.standoff_mm:g} lies outside range_mm = {list(self.range_mm)}")
-        twice = [place for place in self.fixed_mm if self.fixed_mm.count(place) > 1]
-        if twice:
-            raise ValueError(f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a position")
-        if same := [place for place in self.fixed if self.fixed.count(place) > 1]:
-            raise ValueError(
-                f"fixed names {same[0].x_mm:g}, {same[0].y_mm:g} mm twice; two sensors cannot share a place"
-            )
+        for position_mm in self.fixed_mm:
+            if self.fixed_mm.count(position_mm) > 1:
+                raise ValueError(f"fixed_mm names {position_mm:g} mm twice; two sensors cannot share a position")
+        for place in self.fixed:
+            if self.fixed.count(place) > 1:
+                raise ValueError(
+                    f"fixed names {place.x_mm:g}, {place.y_mm:g} mm twice; two sensors cannot share a place"
+                )
         if any(start >= end for start, end in self.keep_out_mm):
             raise ValueError("keep_out_mm: the start of a stretch must be less than its end")
         return self
