@@ -121,10 +121,10 @@ class Characteristic:
     @classmethod
     def _of(cls, spline: "_Spline", coefficients: Floats, shown: Floats) -> Self:
         """Return the table of a spline over what was shown (loads,), whose scale is that of what was shown."""
-        along = np.linspace(np.log(shown.min()), np.log(shown.max()), POINTS)
-        rising = np.maximum.accumulate(spline.design(np.exp(along)) @ coefficients - RISES * np.arange(POINTS))
+        points = np.geomspace(shown.min(), shown.max(), POINTS)  # with the digits of both ends: nothing is beyond them
+        rising = np.maximum.accumulate(spline.design(points) @ coefficients - RISES * np.arange(POINTS))
         straight = np.exp(rising + RISES * np.arange(POINTS))
-        points, straight = np.exp(along), straight * (shown.max() / straight[-1])
+        straight *= shown.max() / straight[-1]
         below = -BELOW * points[-1]
         return cls(
             np.concatenate([[below, 0.0], points]),
