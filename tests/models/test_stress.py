@@ -76,3 +76,23 @@ def test_a_long_beam_on_a_foundation_has_the_stress_of_the_formula(foundation_n_
 def test_without_a_thickness_there_is_no_stress() -> None:
     bare = Beam.model_validate({"length_mm": LENGTH_MM, "flexural_rigidity_n_mm2": 1e7})
     assert largest_stress_mpa(bare, FORCE_N, (0.0, LENGTH_MM)) is None
+
+
+def test_a_long_beam_on_a_foundation_is_stressed_as_hetenyi_says() -> None:
+    """Beams on Elastic Foundation, 1946, eq. 6c: M = F / (4 beta) under a force far from both ends."""
+    stiffness = 2.0
+    rigidity = 70e3 * WIDTH_MM * THICKNESS_MM**3 / 12
+    beta = (stiffness / (4 * rigidity)) ** 0.25
+    long = beam(length_mm=4000.0, foundation_n_mm2=stiffness, supports=[])
+    found = largest_stress_mpa(long, FORCE_N, (1500.0, 2600.0))
+    assert found == pytest.approx(FORCE_N / (4 * beta) / SECTION_MM3, rel=0.01)
+    assert beta * 1500 > 6
+
+
+def test_without_a_thickness_there_is_no_stress_and_two_forces_stress_twice() -> None:
+    assert largest_stress_mpa(beam(width_mm=None, thickness_mm=None, youngs_modulus_gpa=None,
+        flexural_rigidity_n_mm2=1e7), FORCE_N, (0.0, 90.0)) is None  # fmt: skip
+    one, two = (largest_stress_mpa(beam(), force_n, (37.0, 90.0)) for force_n in (3.0, 6.6))
+    assert one is not None
+    assert two == pytest.approx(2.2 * one)
+    assert one == pytest.approx(3 * 90 * 310 / 400 / SECTION_MM3, rel=0.002)

@@ -163,7 +163,7 @@ def check_small_angles(travel: Travel, room_mm: float = math.inf) -> None:
     travel : of the beam
     room_mm : travel that the sensors allow; the force and the stiffness that the error names keep to it as well
     """
-    if not travel.slope <= MAX_SLOPE:
+    if travel.slope > MAX_SLOPE:
         travel_mm = travel.lift_mm + travel.fall_mm
         excess = max(travel.slope / MAX_SLOPE, travel_mm / room_mm)
         also = f", and travels {digits(travel_mm, 4)} mm, beyond sensors.range_mm" if travel_mm > room_mm else ""

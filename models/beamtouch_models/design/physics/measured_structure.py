@@ -127,18 +127,17 @@ class MeasuredStructure:
         return shared
 
     def steepest(self, contacts_mm: Ranges, force_n: tuple[float, float]) -> float:
-        """Return the factor by which errors of curved sensors grow when these are straightened, 1 for straight ones.
+        """Return the factor by which errors of curved sensors grow when these are straightened.
 
         It is that of the sensor with the largest, at rest or over contacts, whichever is larger: a sensor that shows
         less and less is steepest under the heaviest load.
         """
         places, forces = Extent(contacts_mm).grid(CONTACTS[self.axes]), np.linspace(*force_n, FORCES)
         straight_mm = forces[:, None, None] * self.influence(self.sensor_mm, places)
-        factors = [
+        return max(
             max(curved.at_rest, float(np.sqrt(np.mean(curved.slope(curved.show(one_mm)) ** 2))))
             for curved, one_mm in zip(self.characteristics, np.moveaxis(straight_mm, -1, 0), strict=True)
-        ]
-        return max(factors, default=1.0)
+        )
 
     def nearest(self, sensor_mm: Floats) -> Indices:
         """Return the sensors (places,) that stand nearest to places."""

@@ -229,7 +229,8 @@ def supported_plate(plate: Plate) -> SupportedPlate:
     unit_mm_per_n = unit_mm * unit_mm / plate.rigidity_n_mm
     points = [_points(support, body, unit_mm) for support in plate.support_list]
     rows = body.row(np.concatenate([place for place, _ in points]))
-    flexibility = np.concatenate([given / unit_mm_per_n for _, given in points])
+    with np.errstate(over="ignore"):
+        flexibility = np.concatenate([given / unit_mm_per_n for _, given in points])
     if not (SMALLEST_NORMAL <= unit_mm_per_n < math.inf and np.isfinite(flexibility).all()):
         raise SceneError(
             "plate: its deflection is beyond what can be computed; check its lengths, thickness and springs"
