@@ -199,8 +199,8 @@ OF_BEAMS: dict[str, tuple[Tables, Tables, str]] = {
         "min_distance_mm",
     ),
     "mounting tolerance": (
-        sensors(mounting_tolerance_mm=133),
-        sensors(mounting_tolerance_mm=134),
+        sensors(mounting_tolerance_mm=133, count=[3, 5]),
+        sensors(mounting_tolerance_mm=134, count=[3, 5]),
         "sensors.mounting_tolerance_mm = 134: 3 sensors on 400 mm are 133 mm apart; measure their positions to less "
         "than that",
     ),
@@ -209,6 +209,12 @@ OF_BEAMS: dict[str, tuple[Tables, Tables, str]] = {
         {"requirements": {"false_contacts_per_day": 86_401}},
         "requirements.false_contacts_per_day = 86401: at sensors.rate_hz = 100 at most 86400 a day, one sample in 100; "
         "state less",
+    ),
+    "false contacts at another rate": (
+        {},
+        with_all(sensors(rate_hz=123.457), {"requirements": {"false_contacts_per_day": 2e5}}),
+        "requirements.false_contacts_per_day = 200000: at sensors.rate_hz = 123.457 at most 106667 a day, one sample "
+        "in 100; state less",
     ),
     "keep-out of a plate": (
         {},

@@ -1,5 +1,6 @@
 """What a scene states beside a table of loads is taken up to each limit, and refused beyond it by the reason."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -239,6 +240,19 @@ ALLOWED: dict[str, tuple[dict[str, str], tuple[tuple[str, str, object], ...]]] =
 def test_what_fits_a_table_is_taken(name: str) -> None:
     measured, changes = ALLOWED[name]
     scene_of(measured, *changes)
+
+
+def test_a_table_that_is_no_table_by_its_size_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "loads.csv"
+    with path.open("wb") as file:
+        file.truncate((64 << 20) + 1)
+    with pytest.raises(InputError, match=r"loads\.csv: larger than 64 MiB; is it the right file\?"):
+        scene_of({"influence": str(path)})
+    path.write_text(table())
+    scene = scene_of({"influence": str(path)})
+    assert scene == scene_of(MEASURED)
+    assert scene.measured is not None
+    assert not scene.measured.curved
 
 
 def test_a_structure_ends_with_its_last_load_or_sensor_unless_it_says_where() -> None:

@@ -1,8 +1,11 @@
 """Each number of contacts, sensors and requirements is taken up to its limit, and refused beyond it in a sentence."""
 
+import math
+
 import pytest
 
 from beamtouch_models import change_scene, format_scene, make_scene
+from beamtouch_models.errors import SceneError
 from models.scene_limits import BEAM, PLATE, Tables, beam, contact, made, refusal, sensors, with_all
 
 OF_TABLES: dict[str, tuple[Tables, Tables, str]] = {
@@ -153,6 +156,35 @@ def test_nothing_is_a_number_that_less_than_nothing_is_not(table: str, key: str)
     assert refusal(base, {table: {key: -1e-9}}) == f"{table}.{key}: must be at least 0 (given: -1e-09)"
 
 
+NUMBERS = {
+    "beam": (
+        "length_mm", "youngs_modulus_gpa", "shear_modulus_gpa", "width_mm", "thickness_mm", "density_kg_m3",
+        "expansion_um_per_m_k", "foundation_n_mm2",
+    ),
+    "contact": ("force_n", "width_mm"),
+    "sensors": ("noise_mm", "zero_drift_mm", "mounting_tolerance_mm", "rate_hz", "standoff_mm", "drift_um_per_k",
+                "size_mm", "min_distance_mm", "grid_mm"),
+    "requirements": ("position_error_mm", "latency_ms", "max_mean_ms", "false_contacts_per_day"),
+    "environment": ("drift_um_per_min",),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("table", "key"), [(table, key) for table, keys in NUMBERS.items() for key in keys])
+@pytest.mark.parametrize("value", [math.inf, math.nan])
+def test_no_number_of_a_scene_is_infinite(table: str, key: str, value: float) -> None:
+    assert f"{table}.{key}: must be a finite number" in refusal(BEAM, {table: {key: value}})
+
+
+def test_no_place_of_a_scene_is_infinite() -> None:
+    for tables, said in (
+        (contact(position_mm=[-math.inf, 300]), "contact.position_mm[0]: must be a finite number"),
+        (contact(force_n=[3, math.inf]), "contact.force_n[1]: must be a finite number"),
+        (sensors(fixed_mm=[100, math.nan]), "sensors.fixed_mm[1]: must be a finite number"),
+        (beam(supports=[{"at_mm": math.nan}]), "beam.supports[0].at_mm: must be a finite number"),
+    ):
+        assert said in refusal(BEAM, tables)
+
+
 @pytest.mark.parametrize(
     ("meant", "written"),
     [
@@ -227,3 +259,5 @@ def test_a_scene_says_what_its_structure_is() -> None:
     scene = made(PLATE)
     assert (scene.has_beam, scene.has_two_axes, scene.is_computed, scene.unit) == (False, True, True, "mm")
     assert (scene.size_mm, scene.length_mm, scene.diagonal_mm) == ((400, 300), 400, 500)
+    with pytest.raises(SceneError, match="contact has x_mm and y_mm, and this knows structures of one axis"):
+        _ = scene.contact.position_mm

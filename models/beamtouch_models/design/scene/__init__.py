@@ -128,7 +128,7 @@ class Scene(Strict):
     @property
     def has_two_axes(self) -> bool:
         """True if places have two axes, as on a plate or a skin."""
-        return len(self.contact.ranges_mm) > 1
+        return self.contact.stated_position_mm is None
 
     @property
     def is_computed(self) -> bool:
