@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from beamtouch_models.arrays import Floats
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.physics.hermite import HermiteAxis
 
 AXIS = HermiteAxis(0.77, 5)
@@ -19,7 +19,7 @@ def spline_of(unknowns: Floats) -> CubicHermiteSpline:
 SHAPES = [spline_of(unknowns) for unknowns in np.eye(12)]
 
 
-def weighed(index: Floats, weight: Floats) -> Floats:
+def weighed(index: Indices, weight: Floats) -> Floats:
     """Return the weights of all unknowns, (places, unknowns)."""
     dense = np.zeros((len(index), 12))
     np.add.at(dense, (np.arange(len(index))[:, None], index), weight)

@@ -94,7 +94,7 @@ BESIDE: dict[str, tuple[dict[str, str], tuple[tuple[str, str, object], ...], str
         "data sheet or the input of their module has them",
     ),
     "in um": (
-        {"influence": table([(place, force, 100 * a, 6000 * b) for place, force, a, b in ROWS])},  # type: ignore[operator]
+        {"influence": table([(place, force, 100 * a, 6000 * b) for place, force, a, b in ROWS])},
         (),
         "measured.influence: b shows 3360 mm under 8 N, more than the structure is long; if the table is in um, divide "
         "its deflections by 1000; if they are in another unit, name it, as b_deflection_uV/V",

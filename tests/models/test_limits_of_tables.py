@@ -205,7 +205,7 @@ def test_a_table_is_written_with_nine_digits_and_read_again() -> None:
     assert text.splitlines()[:2] == [HEAD, "10,3,0.123456789,1e-07"]
     again = parse_loads(text, "x")
     assert again.to_csv() == text
-    per_newton = parse_loads(table([row[:1] + row[2:] for row in ROWS], "position_mm,a_V_per_n,b_V_per_n"), "x")
+    per_newton = parse_loads(table([(row[0], *row[2:]) for row in ROWS], "position_mm,a_V_per_n,b_V_per_n"), "x")
     assert (per_newton.is_per_newton, per_newton.unit, per_newton.force_n.tolist()) == (True, "V", [1] * 4)
     assert per_newton.to_csv().splitlines()[:2] == ["position_mm,a_V_per_n,b_V_per_n", "10,0.1,0.3"]
     plane = read(PLANE_ROWS, PLANE)

@@ -184,13 +184,13 @@ def test_what_rings_after_a_filter_is_what_its_mean_leaves_of_a_sine_that_decays
 
 def test_influence_scales_with_the_cube_of_the_length_and_the_rigidity() -> None:
     """On springs at the ends, with steps and over a width, as a beam of another size in the same shape."""
-    supports, steps = [{"at_mm": 0, "fixity": 0.3}, {"at_mm": 250}], [0.4, 1.0]
+    steps = [0.4, 1.0]
 
     def moved(size: float, rigidity: float) -> float:
         shape = Beam.model_validate(
             {
                 "length_mm": 300 * size,
-                "supports": [{**one, "at_mm": one["at_mm"] * size} for one in supports],
+                "supports": [{"at_mm": 0, "fixity": 0.3}, {"at_mm": 250 * size}],
                 "segments": [
                     {"to_mm": 300 * size * to, "flexural_rigidity_n_mm2": rigidity * (1 + to)} for to in steps
                 ],

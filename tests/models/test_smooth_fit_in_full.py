@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beamtouch_models.arrays import Floats
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.design.physics.smooth_fit import SmoothFit
 from beamtouch_models.design.physics.smoothness import Smoothness, measured_together
 
@@ -27,7 +27,7 @@ def fit() -> SmoothFit:
     return SmoothFit(SHARE * SPAN_MM, SPAN_MM, measured, SCALE, SMOOTH, WEIGHTS, 6.0)
 
 
-def rows_of(column: int, out: int | None = None) -> Floats:
+def rows_of(column: int, out: int | None = None) -> Indices:
     """Return the rows that a column has, or those of its neighbours with the same missing ones, without one row."""
     rows = np.flatnonzero(np.isfinite(VALUES[:, column]))
     return rows if out is None else rows[rows != out]

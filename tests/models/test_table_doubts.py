@@ -143,7 +143,7 @@ def test_a_message_says_how_many_more_loads_would_do(
     asked = Asked(**{field.name: getattr(fit, field.name) for field in fields(fit)})
     unknown = np.full((100, 2), 0.05)
     unknown[0] = 0.256
-    contacts = FittedAt(20.0 * np.arange(100)[:, None], np.ones((100, 2)), unknown)
+    contacts = FittedAt(np.linspace(0, 1980, 100)[:, None], np.ones((100, 2)), unknown)
     said = told(asked, SHAPE, contacts)
     assert f"at 0 mm, 26 % of the influence is unknown, and more than 10 % is not trusted; {would}" in said
 
