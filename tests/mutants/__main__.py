@@ -24,9 +24,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from faults.copies import PACKAGES, ROOT, Outcome, copy_tree, run_tests
+from faults.copies import PACKAGES, ROOT, Outcome, copy_tree
 from mutants.covering import Covering, collect
 from mutants.equivalents import reasons
+from mutants.forking import Runner
 from mutants.positions import Mutant, sample
 
 KEPT = ROOT / "build" / "mutants"
@@ -107,15 +108,18 @@ async def try_all(mutants: Sequence[Mutant], copies: Sequence[Path], covering: C
 
 
 async def _try_in(copy: Path, waiting: list[Mutant], covering: Covering) -> list[Judged]:
-    judged = []
-    while waiting:
-        mutant = waiting.pop()
-        judged.append(await _judge(copy, mutant, covering))
-        show(judged[-1])
+    judged, runner = [], Runner(copy)
+    try:
+        while waiting:
+            mutant = waiting.pop()
+            judged.append(await _judge(copy, runner, mutant, covering))
+            show(judged[-1])
+    finally:
+        await runner.close()
     return judged
 
 
-async def _judge(copy: Path, mutant: Mutant, covering: Covering) -> Judged:
+async def _judge(copy: Path, runner: Runner, mutant: Mutant, covering: Covering) -> Judged:
     """Run the tests of a mutant until one fails."""
     if why := reasons().get((mutant.file, mutant.before.strip(), mutant.after.strip())):
         return Judged(mutant, EQUIVALENT, why, 0.0)
@@ -127,7 +131,7 @@ async def _judge(copy: Path, mutant: Mutant, covering: Covering) -> Judged:
     try:
         for some in (tests[:FIRST], tests[FIRST:]):
             if some:
-                outcome = await _run(copy, some)
+                outcome = await _run(runner, some)
                 seconds += outcome.seconds
                 if outcome.code:
                     return Judged(mutant, CAUGHT, outcome.failure or outcome.output[-300:].strip(), seconds)
@@ -136,13 +140,13 @@ async def _judge(copy: Path, mutant: Mutant, covering: Covering) -> Judged:
     return Judged(mutant, SURVIVED if tests else NOT_RUN, f"{len(tests)} tests", seconds)
 
 
-async def _run(copy: Path, tests: Sequence[str]) -> Outcome:
+async def _run(runner: Runner, tests: Sequence[str]) -> Outcome:
     options = ("--exitfirst", f"--timeout={TEST_TIMEOUT_S}")
-    outcome = await run_tests(copy, tests, *options, timeout_s=MUTANT_TIMEOUT_S)
+    outcome = await runner.run((*options, *tests), MUTANT_TIMEOUT_S)
     if "ERROR: not found: " in outcome.output:
         # The mutant is in a parameter of the test, and so in its name.
         whole = list(dict.fromkeys(re.sub(r"\[.*", "", test) for test in tests))
-        outcome = await run_tests(copy, whole, *options, timeout_s=MUTANT_TIMEOUT_S)
+        outcome = await runner.run((*options, *whole), MUTANT_TIMEOUT_S)
     return outcome
 
 
