@@ -407,3 +407,11 @@ async def test_what_is_not_durable_after_5_s_goes_to_the_file_but_what_a_live_ba
         }
         await store.write(None)
         assert [one.log.in_memory for one in held.values()] == [0, 0, 0]
+
+
+async def test_a_store_that_is_closed_leaves_no_thread_that_waits_for_the_disk(tmp_path: Path) -> None:
+    before = set(threading.enumerate())
+    async with stored(tmp_path / "samples") as store:
+        (its_own,) = set(threading.enumerate()) - before
+    assert not its_own.is_alive()
+    assert store.surfaces() == {}
