@@ -14,6 +14,7 @@ from beamtouch_models.lab.challenge.challenge import challenge
 from beamtouch_models.lab.challenge.judge import Outcome, judge
 from beamtouch_models.lab.challenge.play import SimulatedSurface
 from beamtouch_models.runtime import ModelFile
+from beamtouch_models.runtime.departures import Calibration, Departures
 from models.bench_contacts import HIGH_MM, LOW_MM, RATE_HZ, drawn, names_in
 
 PAGE = Path(__file__).parents[2] / "docs" / "challenge.md"
@@ -243,3 +244,29 @@ def test_nothing_is_said_of_readings_before_the_first_that_counts(bench: ModelFi
     heard = judge(surface, bench.run, readings, first)
     assert (heard.outcome[:, :first] == Outcome.NOTHING).all()
     assert (heard.outcome[:, first:] != Outcome.NOTHING).all()
+
+
+def test_the_steps_of_the_adc_are_no_part_of_the_noise_before_it(bench: ModelFile) -> None:
+    """A step q adds q^2 / 12 to the variance of a reading."""
+    metadata, reading_mm = bench.metadata, bench.metadata.noise.reading_mm
+    for step, noise in ((6**0.5, 0.5**0.5), (3**0.5, 0.75**0.5), (4.0, 0.0)):
+        sensor = metadata.sensor.model_copy(update={"gain_mm_per_count": step * reading_mm})
+        coarse = SimulatedSurface.of(metadata.model_copy(update={"sensor": sensor}))
+        assert coarse.world.noise_mm == pytest.approx(noise * reading_mm, abs=1e-9)
+
+
+def test_honest_errors_are_as_large_as_the_scene_states_or_the_calibration_left(
+    bench: ModelFile, surface: SimulatedSurface
+) -> None:
+    errors = surface.honest(4000, np.random.default_rng(2))
+    assert errors.gain.std(axis=0) == pytest.approx(np.full(4, 0.003), rel=0.06)
+    assert errors.gain.mean(axis=0) == pytest.approx(np.ones(4), abs=3e-4)
+    assert errors.zero_mm.std(axis=0) == pytest.approx(np.full(4, 0.001), rel=0.06)
+    assert (errors.noise == 1).all()
+    assert not errors.missing.any()
+    gains, zeros_mm = [0.001, 0.002, 0.004, 0.008], [0.01, 0.02, 0.03, 0.04]
+    floor = bench.metadata.floor.model_copy(update={"gain": gains, "zero_mm": zeros_mm})
+    departures = Departures.none(4)
+    fit = Calibration(departures=departures, fitted=["gain"], loads=9, residual_mm=0.0)
+    calibrated = SimulatedSurface.of(bench.metadata.model_copy(update={"floor": floor, "calibration": fit}))
+    assert (calibrated.gain.tolist(), calibrated.zero_mm.tolist()) == (gains, zeros_mm)

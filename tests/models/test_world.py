@@ -177,6 +177,19 @@ def test_a_rig_swings_with_the_damping_of_its_scene_unless_told_otherwise(
     np.testing.assert_allclose(mean_mm[1:] / still_mm, 1 + swing, atol=0.06)
 
 
+def test_zeros_drift_from_the_start_on_in_the_direction_of_the_load(bench: ModelFile) -> None:
+    """With the same seed the noise is the same, so that the difference is the drift, to a count."""
+    sensor, drifting = bench.metadata.sensor, Imperfections(drift_um_per_min=(60.0, -30.0, 0.0, 300.0))
+    for seconds in (0.0, 20.0):
+        steady, moved = (
+            VirtualSurface(SCENE, bench.metadata, 1, imperfections, rings=False).counts(NOTHING, seconds)
+            for imperfections in (PERFECT, drifting)
+        )
+        closed_um = 1e3 * sensor.gain_mm_per_count * (np.array(steady) - moved)
+        expected_um = np.array([60.0, -30.0, 0.0, 300.0]) * seconds / 60
+        assert closed_um == pytest.approx(expected_um, abs=1e3 * sensor.gain_mm_per_count)
+
+
 def test_a_rig_that_cannot_be_as_stated_is_refused(bench: ModelFile) -> None:
     VirtualSurface(paper_scene(), bench.metadata, 1)  # of no stated mass: it follows each load at once
     with pytest.raises(SceneError, match="density_kg_m3"):
