@@ -51,13 +51,14 @@ MAKES: dict[str, Make] = {
 }
 
 
+@pytest.mark.parametrize("draws", [30, pytest.param(100, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("name", MAKES)
-def test_an_honest_contact_that_comes_goes_or_moves_keeps_to_the_goals(bench: ModelFile, name: str) -> None:
-    for row in only(bench, Case(True, MAKES[name]), 100):
+def test_an_honest_contact_that_comes_goes_or_moves_keeps_to_the_goals(bench: ModelFile, name: str, draws: int) -> None:
+    for row in only(bench, Case(True, MAKES[name]), draws):
         assert misses(row) == [], row
 
 
-@pytest.mark.parametrize("together", [True, False])
+@pytest.mark.parametrize("together", [pytest.param(True, marks=pytest.mark.soak), False])
 def test_zeros_that_drift_mislead_no_contact_and_leave_none_behind(bench: ModelFile, together: bool) -> None:
     contact, lifted = only(bench, Case(True, partial(drift.drifts, together=together)), 60)
     assert misses(contact) == misses(lifted) == []

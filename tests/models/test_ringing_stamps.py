@@ -44,8 +44,11 @@ def rung(seed: int) -> FloatArray:
 
 @pytest.mark.parametrize("stamps", STAMPS)
 @pytest.mark.parametrize("lost", SIZES)
-def test_a_sample_has_a_finite_positive_covariance_whatever_the_stamps_say(stamps: str, lost: float) -> None:
-    for seed in range(4):
+@pytest.mark.parametrize("seeds", [(1, 2), pytest.param((0, 3), marks=pytest.mark.soak)])
+def test_a_sample_has_a_finite_positive_covariance_whatever_the_stamps_say(
+    seeds: tuple[int, ...], stamps: str, lost: float
+) -> None:
+    for seed in seeds:
         came = np.flatnonzero(np.random.default_rng(seed).random(READINGS) >= lost)
         gaps, times = np.diff(came, prepend=-1) - 1, STAMPS[stamps](came.astype(np.float64))
         values, chain = rung(seed)[came], Chain(Mean("growing-mean", 4, 200, 6.0), CHANNELS, 1.0, PERIODS[seed])

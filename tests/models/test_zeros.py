@@ -255,7 +255,7 @@ def test_lost_readings_are_time_in_which_zeros_may_have_drifted(lost: int) -> No
 @pytest.mark.parametrize(
     ("frequency_hz", "damping_per_s", "rest_s"), [(23.0, 0.8, 0.6), (6.5, 4.0, 0.3)], ids=["fast", "slow, short rests"]
 )
-@pytest.mark.parametrize("drift_um_per_min", [0.0, 4.0])
+@pytest.mark.parametrize("drift_um_per_min", [pytest.param(0.0, marks=pytest.mark.soak), 4.0])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (1, 2, 3))])
 def test_a_beam_that_rings_from_each_touch_to_the_next_has_zeros_that_are_known(
     drift_um_per_min: float, seed: int, frequency_hz: float, damping_per_s: float, rest_s: float

@@ -154,7 +154,7 @@ def compare(line: Line, rests: int) -> tuple[list[Compared], list[Any]]:
 @pytest.mark.parametrize(
     ("kind", "rests"),
     [
-        ("modbus-tcp", 10),
+        ("modbus-tcp", 6),
         ("modbus-rtu", 6),
         ("serial", 6),
         *(pytest.param(kind, 14, marks=pytest.mark.soak) for kind in ("modbus-tcp", "modbus-rtu", "serial")),

@@ -25,7 +25,7 @@ from support.running.waiting import wait_until
 from support.surfaces.example_scenes import ROUGH, SCENES
 from support.surfaces.real_surfaces import recorded
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.long, pytest.mark.soak, pytest.mark.timeout(600)]
 
 REAL = Imperfections(gain=(1.008, 0.992, 1.0, 1.006))
 """The surface of the line. The model in use knows nothing of it, and places contacts a few mm off."""

@@ -33,6 +33,8 @@ class Case(NamedTuple):
     function: str
     is_early: bool = False
     """Whether the part calls the function only when it begins."""
+    is_more: bool = False
+    """Whether it is one more of what fails in the same task as another one."""
 
 
 PARTS = [
@@ -49,9 +51,9 @@ PARTS = [
     Case("mqtt leftovers", "beamtouch_service.outputs.mqtt.leftovers", "Leftovers", "run", is_early=True),
     Case("mqtt events", "beamtouch_service.outputs.mqtt.events", "EventSender", "_find_due"),
     Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "build", is_early=True),
-    Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "follow", is_early=True),
-    Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "require_same_axes", is_early=True),
-    Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "describe", is_early=True),
+    Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "follow", is_early=True, is_more=True),
+    Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "require_same_axes", is_early=True, is_more=True),
+    Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "describe", is_early=True, is_more=True),
     Case("opcua events", "beamtouch_service.outputs.opcua.events", "EventSender", "_send"),
     Case("opcua", "beamtouch_service.outputs.opcua.door", "Sessions", "end_orphans"),
 ]
@@ -101,7 +103,13 @@ def broker(tmp_path: Path) -> Iterator[Broker]:
         yield broker
 
 
-@pytest.mark.parametrize("case", PARTS, ids=lambda case: f"{case.part}: {case.function}")
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=[pytest.mark.soak] if case.is_more else [], id=f"{case.part}: {case.function}")
+        for case in PARTS
+    ],
+)
 def test_a_part_that_fails_is_named_and_works_again_once_its_fault_is_gone(
     start_press: StartService, tmp_path: Path, broker: Broker, case: Case
 ) -> None:

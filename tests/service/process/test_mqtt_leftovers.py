@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from service.bench import BuildModel
+from service.bench import PATIENT, BuildModel
 from service.event_story import RESTING, TOUCHING
 from service.process.broker import Subscriber
 from service.process.conftest import Service
@@ -21,6 +21,8 @@ from support.surfaces.small_model import PLATE_OUTPUTS
 
 GUIDE = Path(__file__).parents[3] / "docs" / "how-to" / "mqtt.md"
 IMPATIENT = "from beamtouch_service.outputs.mqtt import leftovers; leftovers.ANSWER_S = 0.1"
+COMES_BACK = f"{PATIENT}; from beamtouch_service.outputs.mqtt import publisher; publisher.MAX_RETRY_S = 0.5"
+"""Code by which a service that loses its broker again and again is back soon."""
 DISCOVERY = "home_assistant_discovery = true"
 
 
@@ -214,7 +216,7 @@ def test_a_user_that_may_not_read_is_a_line_that_says_what_stays(line: Line) -> 
 def test_a_broker_that_ends_the_connection_of_who_may_not_read_still_gets_contacts(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "#")
     with cutting_relay(line.broker.port) as port:
-        service = line.start(DISCOVERY, port=port)
+        service = line.start(DISCOVERY, port=port, code=COMES_BACK)
         wait_connected(service)
         service.post(now_batch(TOUCHING, sequence=1))
         wait_for(lambda: any(one.get("state") == "contact" for one in subscriber.of(CONTACT)))
@@ -229,7 +231,7 @@ def test_a_broker_that_ends_the_connection_of_who_may_not_remove_still_gets_cont
     service = line.start(DISCOVERY, surfaces=["press-7", "press-8"])
     wait_for(lambda: len(kept(subscriber)) == 5)
     with cutting_relay(line.broker.port, publishes_to("press-8")) as port:
-        service = change(line, service, DISCOVERY, port=port)
+        service = change(line, service, DISCOVERY, port=port, code=COMES_BACK)
         wait_connected(service)
         service.post(now_batch(TOUCHING, sequence=1))
         wait_for(lambda: any(one.get("state") == "contact" for one in subscriber.of(CONTACT)))

@@ -19,7 +19,7 @@ def test_the_page_says_how_a_candidate_differs_or_why_it_is_not_compared(
 ) -> None:
     service = start_press()
     candidate = tmp_path / "press-7.candidate.onnx"
-    seen = open_page(service.url)
+    seen = open_page(service.url, often=["candidate"])
     seen.wait_for_text("model", "press-7@")
     assert seen.text("candidate") == ""
     candidate.write_bytes(content_of("new", force_n_per_mm=12.0))

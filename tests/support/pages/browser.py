@@ -3,7 +3,7 @@
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ _QUIET = [
     "--disable-component-update",
 ]
 _PATIENCES = re.compile(r"(?<=const )(SILENT|FIRST|ASK)_MS = [0-9_]+")
+_PAUSE = re.compile(r"(?<=const AGAIN_MS = )[0-9_]+")
 LEAST_CONTRAST = 4.5
 SCREENS = [("desk", (1000, 900), "light"), ("panel", (800, 480), "dark"), ("phone", (390, 844), "light")]
 """Name, width and height [px], and colours."""
@@ -207,16 +208,29 @@ def _be_patient(route: Route) -> None:
     route.fulfill(response=answer, body=_PATIENCES.sub(r"\1_MS = 60_000", answer.text()))
 
 
+def _ask_often(route: Route) -> None:
+    """Pass a script on, with a fraction of a second in place of those after which the page asks again."""
+    answer = route.fetch()
+    route.fulfill(response=answer, body=_PAUSE.sub("200", answer.text()))
+
+
 @contextmanager
 def pages(browser: Browser) -> Iterator[OpenPage]:
     """Give a function that opens an address in a window of its own; all are closed at the end.
 
-    A service on a starved machine may say nothing for seconds. Pages wait for it, unless they are told not to.
+    A service on a starved machine may say nothing for seconds. Pages wait for it, unless they are told not to. The
+    scripts `often` ask again after a fraction of a second.
     """
     contexts = []
 
     def open_page(
-        base: str, path: str = "/", size: tuple[int, int] = (1000, 900), *, is_patient: bool = True, **emulated: object
+        base: str,
+        path: str = "/",
+        size: tuple[int, int] = (1000, 900),
+        *,
+        is_patient: bool = True,
+        often: Sequence[str] = (),
+        **emulated: object,
     ) -> Watched:
         options: dict[str, Any] = {"viewport": {"width": size[0], "height": size[1]}, **emulated}
         context = browser.new_context(**options)
@@ -225,6 +239,8 @@ def pages(browser: Browser) -> Iterator[OpenPage]:
         if is_patient:
             for script in ("feed", "token"):
                 context.route(f"**/{script}.js", _be_patient)
+        for script in often:
+            context.route(f"**/{script}.js", _ask_often)
         watched = Watched(context.new_page(), base)
         watched.page.goto(base + path)
         return watched
