@@ -78,9 +78,11 @@ def _forces_n_per_k(beam: Beam) -> Floats | None:
             compliance = np.float64(0.0)
             for (start, end), section in zip(pairwise(ends), beam.sections, strict=True):
                 inside_mm = max(0.0, min(end, high) - max(start, low))
-                if inside_mm and section.thickness_mm is None:
+                if not inside_mm:
+                    continue
+                if section.thickness_mm is None:
                     return None
-                per_mm = np.square(np.float64(section.thickness_mm or 0.0)) / (12 * section.rigidity_n_mm2)
+                per_mm = np.square(np.float64(section.thickness_mm)) / (12 * section.rigidity_n_mm2)
                 compliance += inside_mm * per_mm
             forces_n_per_k.append(beam.expansion_per_k * (high - low) / compliance)
     return np.array(forces_n_per_k)

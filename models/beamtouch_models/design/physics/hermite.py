@@ -48,7 +48,7 @@ class HermiteAxis:
         one, other = (_derivatives(order) for order in (left, right))
         integral = one @ (1 / (1 + POWERS[:, None] + POWERS)) @ other.T * self.step ** (1 - left - right)
         starts = 2 * np.arange(self.elements)[:, None]
-        rows, columns = (starts + np.tile(index.ravel(), 1) for index in np.indices((4, 4)))
+        rows, columns = (starts + index.ravel() for index in np.indices((4, 4)))
         values = np.tile(integral.ravel(), self.elements)
         matrix = sp.coo_matrix((values, (rows.ravel(), columns.ravel())), shape=(self.unknowns, self.unknowns))
         return matrix.tocsr()
