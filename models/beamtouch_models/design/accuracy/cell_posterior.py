@@ -59,7 +59,7 @@ def summarize(prior: Prior, deflection_mm: Floats, levels: Floats | None = None)
     whitening = prior.errors.whitening(deflection_mm)
     samples = np.einsum("dij,dj->di", whitening, deflection_mm)
     levels = np.empty((len(samples), 0)) if levels is None else levels
-    parts = [slice(start, start + AT_ONCE) for start in range(0, max(1, len(samples)), AT_ONCE)]
+    parts = [slice(start, start + AT_ONCE) for start in range(0, len(samples), AT_ONCE)]
     each = [_summaries(prior, whitening[part], samples[part], levels[part]) for part in parts]
     return Summaries(*(np.concatenate(values) for values in zip(*each, strict=True)))
 

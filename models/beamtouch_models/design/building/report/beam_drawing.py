@@ -210,8 +210,11 @@ def _thickness_in_words(px: Scale) -> str:
     known = [mm for mm in px.thickness_mm if mm]
     if not known:
         return "its thickness is not stated"
-    thickness = " and ".join(f"{mm:g}" for mm in sorted(set(known))) if len(set(known)) < 4 else "in steps"
-    return f"{thickness} mm thick" + (f", drawn {digits(px.thicker, 2)} times thicker" if px.thicker != 1 else "")
+    if len(set(known)) < 4:
+        thickness = f"{' and '.join(f'{mm:g}' for mm in sorted(set(known)))} mm thick"
+    else:
+        thickness = f"{min(known):g} to {max(known):g} mm thick, in steps"
+    return thickness + (f", drawn {digits(px.thicker, 2)} times thicker" if px.thicker != 1 else "")
 
 
 def _supports_in_words(beam: Beam) -> str:
