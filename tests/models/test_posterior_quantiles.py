@@ -42,7 +42,7 @@ def test_an_exponential_density_is_cut_off_at_both_ends(rate: float) -> None:
 
     def up_to(end: float) -> float:
         """The integral of t exp(-steep t) up to an end."""
-        return (1 - np.exp(-steep * end) * (1 + steep * end)) / steep
+        return float((1 - np.exp(-steep * end) * (1 + steep * end)) / steep)
 
     assert distance == pytest.approx((up_to(length) - 2 * up_to(middle)) / whole, rel=3e-4)
 

@@ -53,9 +53,8 @@ def exact_height(rate: float, reach: float, noise: float) -> float:
     def beyond(height: float) -> float:
         ends = [max(-reach, min(reach, height - k * noise)) for k in (12, 6, 0)]
         steps = sorted({-reach, *ends, reach})
-        return sum(quad(lambda zero: norm.sf((height - zero) / noise), *pair)[0] for pair in pairwise(steps)) / (
-            2 * reach
-        )
+        parts = [quad(lambda zero: norm.sf((height - zero) / noise), *pair)[0] for pair in pairwise(steps)]
+        return float(sum(parts)) / (2 * reach)
 
     return float(brentq(lambda height: np.log(beyond(height) / rate), 0.0, reach + 12 * noise))
 

@@ -106,12 +106,19 @@ def plate_drawing(scene: Scene, metadata: Metadata) -> tuple[str, str]:
     ruled = "; shaded with a word: no sensors there" if scene.sensors.keep_out else ""
     if scene.plate is None:
         return "\n".join(parts), f"dashed: contacts lie within{ruled}"
-    plate = scene.plate
-    held = "triangles" if any(support.stiffness_n_per_mm is None for support in plate.support_list) else "zigzags"
-    if plate.is_sprung and held == "triangles":
-        held = "triangles, on springs zigzags"
-    lines = ", thick lines" if any(support.is_line for support in plate.support_list) else ""
-    return "\n".join(parts), f"dashed: contacts lie within; supports are {held}{lines}{ruled}"
+    return "\n".join(parts), f"dashed: contacts lie within; supports are {_symbols_in_words(scene.plate)}{ruled}"
+
+
+def _symbols_in_words(plate: Plate) -> str:
+    """Return how the supports of a plate are drawn."""
+    points = [support for support in plate.support_list if not support.is_line]
+    rigid = any(support.stiffness_n_per_mm is None for support in points)
+    words = {
+        "triangles": rigid,
+        "on springs zigzags" if rigid else "zigzags": any(support.stiffness_n_per_mm is not None for support in points),
+        "thick lines": len(points) < len(plate.support_list),
+    }
+    return ", ".join(word for word, is_drawn in words.items() if is_drawn)
 
 
 def _keep_outs(scene: Scene, px: FromAbove) -> Iterator[str]:
