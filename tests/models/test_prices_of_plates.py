@@ -59,7 +59,7 @@ def test_the_advice_for_a_plate_that_bends_too_far_is_as_little_as_does() -> Non
 
 
 def test_the_bend_of_a_plate_is_in_its_thickness_and_as_the_force() -> None:
-    """Over the thickness t it falls as 1/t^4 under a force, as 1/t^3 under the weight, on springs as stiff beside it."""
+    """Over the thickness t it falls as 1/t^4 under a force, as 1/t^3 under the weight, on springs as much stiffer."""
     stiff = {"thickness_mm": 6.0, "support_stiffness_n_per_mm": 120.0}
     thin, thick = bends_over_thickness(*on_springs()), bends_over_thickness(*on_springs(stiff))
     twice = bends_over_thickness(*on_springs(contact={"force_n": [2.0, 40.0]}))
