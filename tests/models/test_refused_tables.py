@@ -194,3 +194,18 @@ def test_loads_without_repeated_samples_do_not_tell_their_noise(tmp_path: Path, 
     (tmp_path / "leaf.csv").write_text(GOOD)
     line = refused("build", "--loads", tmp_path / "leaf.csv", "-o", tmp_path / "leaf.onnx")
     assert "no load has 5 samples that differ, which tell the noise" in line
+
+
+def test_doubts_state_the_numbers_that_raise_them() -> None:
+    """Of loads of 10 N, the leaf moves by so many mm under the 20 N of its contacts."""
+    shown = [[float(value) for value in row.split(",")] for row in ROWS]
+    bent_mm = max(value / row[1] for row in shown for value in row[2:]) * 20
+    (small,) = remarks(scene_of(influence=table_of(*(times(row, deflection=1e-3) for row in ROWS))))
+    assert small.startswith(f"by its table, the structure bends by {bent_mm:.3g} um only; if the table is in m")
+    (grams,) = remarks(scene_of(influence=table_of(*(times(row, force=102.0) for row in ROWS))))
+    weakest, strongest = (
+        f"{102 * force:.4g}" for force in (min(row[1] for row in shown), max(row[1] for row in shown))
+    )
+    assert f"the loads of the table have {weakest} to {strongest} N, but contact.force_n is 2 to 20 N; " in grams
+    (copied,) = remarks(scene_of(influence=table_of(*ROWS, ROWS[3], ROWS[3])))
+    assert copied.startswith(f"3 loads at {shown[3][0]:g} mm with {shown[3][1]:g} N are equal to the last digit")
