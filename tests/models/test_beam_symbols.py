@@ -118,7 +118,7 @@ def test_a_clamp_that_can_slide_holds_the_beam_between_rollers(at_mm: float, inw
     top = -round(3 * PX, 1)
     centres = sorted(((left[0] + right[0]) / 2, left[1]) for left, right, _ in circles)
     radius = (circles[0][1][0] - circles[0][0][0]) / 2
-    middle = np.mean([x for x, _ in centres])
+    middle = float(np.mean([x for x, _ in centres]))
     assert middle * inwards > 0
     assert all((right[0] - left[0]) / 2 == pytest.approx(radius) for left, right, _ in circles)
     assert sorted({round(y, 1) for _, y in centres}) == pytest.approx([top - radius, radius], abs=0.11)
@@ -150,7 +150,7 @@ def test_five_arrows_press_on_the_beam_over_the_extent_of_the_contacts() -> None
     ends = [round(MARGIN + at * PX, 1) for at in (1, 399)]
     assert ([left[0], left_up[0]], [right[0], right_up[0]]) == ([ends[0]] * 2, [ends[1]] * 2)
     assert left[1] == right[1] > left_up[1] == right_up[1]
-    assert [shaft[0][0][0] for shaft in shafts] == pytest.approx(np.linspace(*ends, 5), abs=0.06)
+    assert [shaft[0][0][0] for shaft in shafts] == pytest.approx(np.linspace(ends[0], ends[1], 5), abs=0.06)
     heads = [strokes_of(path["d"])[0] for path in tags.of("path", "tip")]
     for (shaft,), (one, other, tip, closed) in zip(shafts, heads, strict=True):
         (x, top), (same_x, bottom) = shaft

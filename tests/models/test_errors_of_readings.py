@@ -24,7 +24,7 @@ def errors_of(
     return ReadingErrors.of(scene_with(of or {}, **sensors), largest_mm)
 
 
-NOISE = {"noise_percent_of_max": None, "noise_mm": 0.03}
+NOISE: dict[str, Any] = {"noise_percent_of_max": None, "noise_mm": 0.03}
 
 
 def test_a_noise_in_percent_is_one_of_the_largest_deflection_and_one_in_mm_is_not() -> None:
@@ -52,7 +52,7 @@ def test_zeros_that_no_scene_states_drift_by_a_fifth_of_the_noise_and_of_it_all_
 
 def test_a_hall_moves_even_quiet_zeros_as_far_as_light_contacts_leave_room() -> None:
     """5 um a minute, or a tenth of the largest deflection under the smallest force; unless zeros are stated."""
-    quiet = {"noise_percent_of_max": None, "noise_mm": 1e-4}
+    quiet: dict[str, Any] = {"noise_percent_of_max": None, "noise_mm": 1e-4}
     assert errors_of(2.0, **quiet).drift_mm_per_min == 0.005
     assert errors_of(0.02, **quiet).drift_mm_per_min == pytest.approx(0.002)
     open_force = {"contact": {"force_n": (2.0, 20.0)}}

@@ -88,7 +88,10 @@ def test_mounting_and_temperature_are_listed() -> None:
     assert parts["mounting"].remark.startswith("places along the beam; one that is ")
     assert parts["mounting"].remark.endswith(" mm off shows over the noise: measure where it stands, or calibrate")
     assert row(parts["temperature"]) == ("constant", "beside that at which the beam is mounted", "assumed")
-    warm = {"environment": {"temperature_range_k": (-5.0, 12.5)}, "sensors": {"mounting_tolerance_mm": 0.4}}
+    warm: dict[str, dict[str, Any]] = {
+        "environment": {"temperature_range_k": (-5.0, 12.5)},
+        "sensors": {"mounting_tolerance_mm": 0.4},
+    }
     stated = listed(change_scene(BENCH, **warm))
     assert (stated["temperature"].value, stated["temperature"].source) == ("-5 to +12.5 K", "stated")
     assert (stated["mounting"].value, stated["mounting"].source) == ("± 0.4 mm", "stated")
