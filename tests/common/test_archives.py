@@ -1,5 +1,6 @@
 """Archives of backups: all of it or nothing, and never a file outside of the target."""
 
+import hashlib
 import io
 import json
 import os
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import tarfile
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -262,3 +264,38 @@ def test_a_file_that_cannot_be_read_is_named(plant: Path, tmp_path: Path) -> Non
     with pytest.raises(FailedError, match=r"gone.onnx: No such file or directory; there is no backup"):
         write_archive(tmp_path / "b", "test", plant / "service.toml", [Part(plant / "gone.onnx")])
     assert not (tmp_path / "b").exists()
+
+
+@pytest.mark.parametrize(("mode", "restored"), [(0o777, 0o755), (0o640, 0o640), (0o600, 0o600), (0o531, 0o511)])
+def test_a_file_comes_back_with_its_mode_but_only_its_owner_may_change_it(
+    plant: Path, tmp_path: Path, mode: int, restored: int
+) -> None:
+    config, archive = plant / "service.toml", tmp_path / "a.tar.gz"
+    config.chmod(mode)
+    write_archive(archive, "test", config, [Part(config)])
+    (back,) = restore_archive(archive, tmp_path / "new", None)
+    assert back.stat().st_mode & 0o777 == restored
+
+
+def test_the_first_three_files_that_are_there_already_are_named(plant: Path, tmp_path: Path) -> None:
+    names = ["service.toml", "a", "b", "c"]
+    for name in names[1:]:
+        (plant / name).touch()
+    write_archive(tmp_path / "a.tar.gz", "test", plant / "service.toml", [Part(plant / name) for name in names])
+    with pytest.raises(InputError) as refused:
+        restore_archive(tmp_path / "a.tar.gz", plant, None)
+    three = ", ".join(str(plant / name) for name in names[:3])
+    assert str(refused.value) == f"{three}: there already; a restore overwrites nothing: move it away"
+
+
+def test_an_archive_begins_with_who_made_it_and_what_is_in_it(plant: Path) -> None:
+    with tarfile.open(write(plant)) as archive:
+        listed = json.loads(content_of(archive, "list.json"))
+        members = {member.name: (member.size, member.mode) for member in archive.getmembers()}
+    assert next(iter(members)) == "list.json"
+    assert (listed["format"], listed["program"]) == (1, "test")
+    assert datetime.fromisoformat(listed["made_at"]).utcoffset() == timedelta(0)
+    for one in listed["files"]:
+        content = (plant / one["name"].removeprefix("folder/")).read_bytes()
+        assert one["sha256"] == hashlib.sha256(content).hexdigest()
+        assert members[one["name"]] == (one["bytes"], one["mode"]) == (len(content), one["mode"])

@@ -3,13 +3,14 @@
 from dataclasses import dataclass, field
 
 import pytest
+from pydantic import TypeAdapter, ValidationError
 
 from beamtouch_common.digits import Rounded, decimals_of, digits, rounded
 from beamtouch_common.hosts import host_name, tcp_address
 from beamtouch_common.names import name_like
 from beamtouch_common.outline import Outline, Span, axes_of, kind_of, names_of
 from beamtouch_common.spans import apart, are_apart, span
-from beamtouch_common.units import direction_of, fine, fine_unit, plain
+from beamtouch_common.units import Unit, direction_of, fine, fine_unit, plain
 
 
 @pytest.mark.parametrize(
@@ -115,3 +116,19 @@ def test_an_address_of_tcp_has_a_host_and_may_have_a_port() -> None:
             tcp_address(text)
     with pytest.raises(ValueError, match="name or address of a host"):
         tcp_address("tcp://:502")
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"), [("nm", "1e-06"), ("um", "0.001"), ("cm", "10"), ("m", "1000"), ("\u03bcm", "0.001")]
+)
+def test_another_unit_of_a_length_is_refused_with_its_size(unit: str, size: str) -> None:
+    name = plain(unit)
+    with pytest.raises(ValidationError, match=f"lengths are in mm, not {name}; one {name} is {size} mm"):
+        TypeAdapter(Unit).validate_python(unit)
+
+
+@pytest.mark.parametrize(("unit", "taken"), [("mm", "mm"), ("\u00b5V/V", "uV/V"), ("%", "%"), ("a" * 16, "a" * 16)])
+def test_a_unit_has_up_to_sixteen_letters(unit: str, taken: str) -> None:
+    assert TypeAdapter(Unit).validate_python(unit) == taken
+    with pytest.raises(ValidationError):
+        TypeAdapter(Unit).validate_python(unit + "a" * 16)
