@@ -120,6 +120,27 @@ def test_figure_7_has_both_layouts_of_a_component_in_one_colour_over_its_peak() 
     assert from_eight == pytest.approx(100 * (peaks[1] / peaks[0] - 1), rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("places", "verdicts"),
+    [
+        ([80.0, 160.0, 240.0, 320.0], "differs differs differs differs"),  # at equal pitch itself, nothing changes
+        ([20.0, 50.0, 350.0, 380.0], None),
+        ([150.0, 180.0, 220.0, 250.0], None),
+        ([60.0, 150.0, 250.0, 340.0], None),
+        ([75.0, 158.0, 242.0, 325.0], None),
+    ],
+)
+def test_figure_7_agrees_where_peaks_change_as_the_paper_says(places: list[float], verdicts: str | None) -> None:
+    figure = figure_7(np.array(places))
+    equal, best = (np.abs(shown_by(np.array(one))).max(axis=0) for one in (equal_pitch_mm(4), places))
+    first, second, third, fourth = 100 * (best / equal - 1)
+    agree = (first < -10, -10 < second < 0, -10 < third < 0, fourth > 0)
+    expected = verdicts or " ".join("agrees" if one else "differs" for one in agree)
+    assert " ".join(row.verdict for row in figure.rows) == expected
+    assert figure.numbers["change_percent"] == pytest.approx([first, second, third, fourth], abs=1e-3)
+    assert figure.numbers["positions_mm"] == {"equal": [80.0, 160.0, 240.0, 320.0], "optimised": places}
+
+
 def shown_by(places: np.ndarray) -> np.ndarray:
     """Return the four leading components of a layout by numpy's symmetric solver."""
     matrix = dimensionless(places)
