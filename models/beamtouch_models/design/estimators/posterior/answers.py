@@ -357,7 +357,8 @@ def _mapped(graph: Graph, values: str, rows: Floats, bias: list[list[float]]) ->
 def _outwards(low_mm: float, high_mm: float) -> tuple[float, float]:
     """Return the ends of the range in float32, which does not round them inwards, past a contact at the very end."""
     low, high = np.float32(low_mm), np.float32(high_mm)
+    # Compared in float64: beside a float32, numpy would round the range first.
     return (
-        float(low if low <= low_mm else np.nextafter(low, np.float32(-np.inf))),
-        float(high if high >= high_mm else np.nextafter(high, np.float32(np.inf))),
+        float(low if float(low) <= low_mm else np.nextafter(low, np.float32(-np.inf))),
+        float(high if float(high) >= high_mm else np.nextafter(high, np.float32(np.inf))),
     )
