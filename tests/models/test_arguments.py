@@ -7,6 +7,7 @@ import pytest
 
 from beamtouch_common.commands import Parser
 from beamtouch_models.commands import arguments
+from beamtouch_models.commands.build import how_to_try
 
 SHARED = {"seed": 0, "effort": 1.0, "json": False}
 SPREAD = {"workers": None, "cluster": None}
@@ -174,3 +175,17 @@ def test_another_address_of_a_cluster_is_refused(address: str, capsys: pytest.Ca
     with pytest.raises(SystemExit):
         parsed("challenge", "--cluster", address)
     assert f"'{address}' is not tcp://HOST:PORT" in capsys.readouterr().err
+
+
+def test_what_build_advises_to_try_are_three_commands_and_of_loads_the_daemon_that_recorded_them() -> None:
+    files = "a.toml", "b.onnx", "token", "d.toml"
+    assert how_to_try(*files, is_recorded=False).splitlines() == [
+        "try it:  beamtouch-rig a.toml --model b.onnx --modbus-tcp 127.0.0.1:5020",
+        "         beamtouch-service run --model b.onnx --write-token-file token",
+        "         beamtouch-daemon run d.toml",
+    ]
+    assert how_to_try(*files, is_recorded=True).splitlines() == [
+        "try it:  beamtouch-service run --model b.onnx --write-token-file token",
+        "         copy beam, noise_mm, zero_drift_mm, filter, zero_tracking and loads of d.toml into the",
+        "         configuration that recorded a.toml, then beamtouch-daemon run with it",
+    ]
