@@ -277,3 +277,21 @@ def test_a_press_fits_with_the_force_and_the_place_that_leave_least(beside: floa
     assert best.square == pytest.approx(min(squares))
     assert best.force_n == pytest.approx(force_n)
     assert best.moved_mm == pytest.approx(moved_mm)
+
+
+def test_a_press_is_explained_up_to_a_mean_square_of_two_deviations() -> None:
+    """Gains of the channels apart: what is left is that of a fit of each channel to what is expected of it."""
+    right, squares = Wiring((0, 1, 2, 3), RIGHT), []
+    for beside_mm in np.linspace(0.26, 0.36, 11):
+        moved = 10 * deflections(np.array(AT_MM))
+        moved[2, 1] += beside_mm
+        presses = [Press(np.array([at_mm]), one, np.full(4, NOISE_MM)) for at_mm, one in zip(AT_MM, moved, strict=True)]
+        expected = np.array([_Fit(one, deflections).best(right).moved_mm for one in presses])
+        gains = (moved * expected).sum(axis=0) / (expected**2).sum(axis=0)
+        left = (moved - gains * expected) / np.hypot(NOISE_MM, 0.03 * moved.max(axis=1))[:, None]
+        squares.append((left**2).mean(axis=1).max())
+        explanation = explain(presses, deflections)
+        assert explanation.wiring == right
+        assert explanation.is_explained == (squares[-1] <= 4.0), (beside_mm, squares[-1])
+    assert 3.5 < max(one for one in squares if one <= 4.0)
+    assert min(one for one in squares if one > 4.0) < 4.5

@@ -105,7 +105,7 @@ def test_a_replaced_sender_returns_once_the_newest_sample_is_stale_with_a_later_
     senders.move("second", 1, 101.0)
     assert senders.changes == 1
     assert not senders.is_after_newest("first", 8, 101.25, 101.5)
-    assert senders.is_after_newest("first", 8, 101.25, 101.5 + 1e-3)
+    assert senders.is_after_newest("first", 8, 101.25, 101.5 + 1e-4)
     assert not senders.is_after_newest("first", 7, 102.0, 102.0)
     assert [senders.is_after_newest("third", 1, at_s, 101.25) for at_s in (100.9, 101.0)] == [False, True]
     assert [senders.is_after_newest("second", number, 0.0, 0.0) for number in (1, 2)] == [False, True]
