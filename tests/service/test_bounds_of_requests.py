@@ -1,14 +1,17 @@
 """The bounds of what a request may ask for or send: each is taken, and what is next to it refused."""
 
+import asyncio
 import gzip
 
 import pytest
 from starlette.requests import Request
+from starlette.types import Message
 
 from beamtouch_service.access import Access, Role
+from beamtouch_service.api import samples
 from beamtouch_service.api.context import Streams
 from beamtouch_service.api.errors import pointer
-from beamtouch_service.api.samples import MAX_BODY_BYTES, _peer, decompress
+from beamtouch_service.api.samples import MAX_BODY_BYTES, _peer, decompress, read_body
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.surfaces.pace import Pace
 from service.bench import READ_TOKEN, TOKEN, Bench, batch_of, parsed, surface_with
@@ -260,3 +263,47 @@ def test_a_batch_that_has_arrived_moves_the_histograms_of_its_surface(bench: Ben
         assert series in metrics
     for name in ("batch", "inference"):
         assert f'beamtouch_{name}_seconds_count{{surface="press-7"}} 1.0' in metrics
+
+
+class Sender:
+    """Sends parts of a body, and then nothing more."""
+
+    def __init__(self, *parts: bytes, is_whole: bool = False, stated: int | None = None) -> None:
+        self._parts, self._is_whole = list(parts), is_whole
+        headers = [] if stated is None else [(b"content-length", str(stated).encode())]
+        self.request = Request({"type": "http", "headers": headers}, self._receive)
+
+    async def _receive(self) -> Message:
+        if self._parts:
+            part = self._parts.pop(0)
+            return {"type": "http.request", "body": part, "more_body": bool(self._parts) or not self._is_whole}
+        await asyncio.Event().wait()
+        raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ("sender", "kind"),
+    [
+        (Sender(b"x" * MAX_BODY_BYTES, b"x"), Kind.TOO_LARGE),
+        (Sender(b"x", stated=MAX_BODY_BYTES + 1), Kind.TOO_LARGE),
+        (Sender(b"x" * MAX_BODY_BYTES), Kind.TOO_SLOW),
+        (Sender(b"x", stated=MAX_BODY_BYTES), Kind.TOO_SLOW),
+    ],
+    ids=["chunked", "stated", "chunked but not too large", "stated but not too large"],
+)
+@pytest.mark.anyio
+async def test_a_body_that_is_too_large_and_does_not_end_is_refused_for_its_size(
+    monkeypatch: pytest.MonkeyPatch, sender: Sender, kind: Kind
+) -> None:
+    monkeypatch.setattr(samples, "LINGER_S", 0.05)
+    monkeypatch.setattr(samples, "MAX_BODY_S", 0.05 if kind is Kind.TOO_SLOW else 60.0)
+    async with asyncio.timeout(30):
+        with pytest.raises(ProblemError) as refusal:
+            await read_body(sender.request)
+    assert refusal.value.problem.kind is kind
+
+
+@pytest.mark.anyio
+async def test_a_body_of_several_parts_is_read_whole() -> None:
+    parts = b"x" * (MAX_BODY_BYTES - 3), b"abc"
+    assert await read_body(Sender(*parts, is_whole=True).request) == b"".join(parts)

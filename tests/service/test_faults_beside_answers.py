@@ -163,3 +163,19 @@ async def test_a_modbus_server_that_fails_answers_so_on_the_same_connection_and_
         assert (await reader.readexactly(9))[7] == 4
         assert missing(bench, "modbus_server answers") is None
         writer.close()
+
+
+@pytest.mark.anyio
+async def test_a_client_that_does_not_speak_modbus_is_named_by_its_address(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    connections = _Connections(ModbusServerSection(), bench.app.context)
+    server = await asyncio.start_server(connections.serve, "127.0.0.1", 0)
+    async with server, asyncio.timeout(60):
+        reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname()[:2])
+        writer.write(b"GET / HTTP/1.1\r\n\r\n")
+        assert await reader.read() == b""
+        writer.close()
+    (line,) = [record.getMessage() for record in caplog.records if "not Modbus TCP" in record.getMessage()]
+    assert line.startswith("Modbus TCP server: closed 1 connections since the last such line: not Modbus TCP (")
+    assert line.endswith("), the last from 127.0.0.1")
