@@ -79,7 +79,7 @@ def test_places_that_the_scene_forbids_are_given_up_with_a_warning(
     "docs/how-to/design.md",
     "write its place as `position_mm` of its channel in the daemon's configuration",
 )
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+@pytest.mark.parametrize("encoding", [pytest.param("utf-8", marks=pytest.mark.soak), "utf-8-sig"])
 def test_sensors_stay_where_the_daemon_configuration_has_them(
     design_sensors_roughly: Command, scene: Path, tmp_path: Path, encoding: str
 ) -> None:

@@ -24,8 +24,11 @@ def line(model: ModelFile, rested: Rested = TARED) -> Line:
 @pytest.mark.parametrize("seconds", [90, pytest.param(180, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(
     ("channels", "every_s"),
-    [(ALL, 2.0), (SECOND, 2.0), (ALL, 20.0)],
-    ids=["all together", "one by itself", "seldom touched"],
+    [
+        pytest.param(ALL, 2.0, id="all together", marks=pytest.mark.soak),
+        pytest.param(SECOND, 2.0, id="one by itself"),
+        pytest.param(ALL, 20.0, id="seldom touched"),
+    ],
 )
 def test_a_drift_of_5_um_a_minute_costs_no_contact(
     channels: tuple[float, ...], every_s: float, seconds: int, bench: ModelFile

@@ -118,6 +118,7 @@ def test_all_of_the_page_comes_from_below_the_path(
     assert seen.complaints == []
 
 
+@pytest.mark.parametrize("below", ["nginx", pytest.param("haproxy", marks=pytest.mark.soak)], indirect=True)
 def test_a_technician_commissions_below_the_path(start_bench: StartBench, below: Below, open_page: OpenPage) -> None:
     bench = start_bench()
 

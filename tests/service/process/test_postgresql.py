@@ -23,7 +23,7 @@ from support.running.waiting import wait_until
     "deploy/README.md",
     "PgBouncer may stand in between as it is installed, with `pool_mode` `session` or `transaction`.",
 )
-@pytest.mark.parametrize("pool_mode", ["session", "transaction"])
+@pytest.mark.parametrize("pool_mode", [pytest.param("session", marks=pytest.mark.soak), "transaction"])
 def test_the_record_works_through_a_pool(
     start_press: StartService, postgres: Postgres, events_url: str, pool_mode: str
 ) -> None:

@@ -76,7 +76,7 @@ def in_file(tmp_path: Path) -> float:
         return float(other.execute("SELECT passed_s FROM time").fetchone()[0])
 
 
-@pytest.mark.parametrize("offset", ["+3650d", "-3650d"])
+@pytest.mark.parametrize("offset", ["+3650d", pytest.param("-3650d", marks=pytest.mark.soak)])
 def test_a_service_that_starts_with_a_wrong_clock_deletes_nothing(start: Start, tmp_path: Path, offset: str) -> None:
     service = start(WrongClock(tmp_path, "+0"), "file = 'events.db'")
     touch(service, "boot-right")
