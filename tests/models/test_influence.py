@@ -305,3 +305,23 @@ def test_short_segments_stay_accurate(tip: float) -> None:
 def test_a_structure_that_cannot_be_computed_is_refused_by_name(values: dict[str, Any], said: str) -> None:
     with pytest.raises(SceneError, match=said):
         influence(stated(STEEL, **values), [57.0], [30.0])
+
+
+def test_a_beam_on_a_stiff_foundation_is_computed_until_it_would_take_too_many_elements() -> None:
+    """An element is at most half as long as (4 E I / k)^(1/4): the first beam has 2000 of them, the second 20 119."""
+    beta = 2.5
+    long = stated({**PLAIN, "length_mm": 400.0}, foundation_n_mm2=4e7 * beta**4, supports=[])
+    # Hetenyi, 1946, eq. 6a: the middle of a beam without end sinks by F beta / (2 k).
+    assert influence(long, [200.0], [200.0])[0, 0] == pytest.approx(beta / (2 * 4e7 * beta**4), rel=1e-9)
+    with pytest.raises(SceneError, match=r"^beam.foundation_n_mm2 = 1.6e\+13 is too stiff beside this beam; make it s"):
+        influence(stated(PLAIN, foundation_n_mm2=1.6e13, supports=[]), [200.0], [200.0])
+
+
+def test_nothing_moves_at_a_support_under_a_point_or_a_wide_contact() -> None:
+    beam = stated(STEEL, foundation_n_mm2=50, segments=STEPS, supports=[*fixed(20), *simple(300)])
+    for width in (0.0, 30.0):
+        found = influence(beam, [20.0, 150.0, 300.0], [90.0, 300.0], width)
+        assert found[:, [0, 2]].tolist() == [[0, 0], [0, 0]]
+        assert found[0, 1] != 0
+    assert influence(beam, [150.0], [20.0, 300.0]).tolist() == [[0], [0]]
+    assert influence(beam, [150.0], [300.0], 30.0)[0, 0] != 0
