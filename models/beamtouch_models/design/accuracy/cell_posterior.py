@@ -107,10 +107,11 @@ def _summary(ticks: list[Floats], density: Floats, levels: Floats) -> tuple[Floa
     square = np.zeros(on_grid.shape)
     for axis, middles in enumerate(ticks):
         others = tuple(1 + other for other in range(axes) if other != axis)
-        below = np.cumsum(on_grid.sum(axis=others), axis=1)
-        cell, rows = np.minimum((below < 0.5).sum(axis=1), CELLS - 1), np.arange(draws)
-        before = np.where(cell > 0, below[rows, cell - 1], 0.0)
-        part = np.clip((0.5 - before) / (below[rows, cell] - before), 0.0, 1.0) - 0.5
+        along = on_grid.sum(axis=others)
+        below = np.cumsum(along, axis=1)
+        cell, rows = (below < 0.5).sum(axis=1), np.arange(draws)
+        # From the middle of its cell, in cells, over which the density is taken as even.
+        part = (0.5 - below[rows, cell]) / along[rows, cell] + 0.5
         median[:, axis] = middles[rows, cell] + part * (middles[:, 1] - middles[:, 0])
         square += np.expand_dims((middles - median[:, [axis]]) ** 2, others)
     distance = np.einsum("dc,dc->d", mass, np.sqrt(square).reshape(draws, -1))

@@ -90,7 +90,7 @@ def _resolved(
         grids, todo = finer, todo[narrow]
         if not len(todo):
             return summary
-        influence = prior.influence_within_noise(on_axis(grids.ravel())).reshape(*grids.shape, -1)
+        influence = prior.influence_within_noise(on_axis(grids.ravel())).reshape(*grids.shape, prior.channels)
         density = _log_density(prior, seen.take(todo), forces, grids, influence)
     summary[todo] = summaries(grids, density, levels[todo])
     return summary
