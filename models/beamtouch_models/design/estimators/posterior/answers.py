@@ -328,7 +328,7 @@ def reaching(graph: Graph, place: str, *ranges_mm: tuple[float, float]) -> str:
         t = clip(l / (REACH a) - 1, 0, 1)    u = clip(h / (REACH b) - 1, 0, 1)
         low = t (l + (1 - u) b)              high = length - u (h + (1 - t) a)
     """
-    axis = min(len(ranges_mm), 2)
+    axis = len(ranges_mm)
     left_out = np.array([[0, 1, 0, 0, 0], [0, 0, -1, 0, 0]])
     between = REACH * np.array([[0, 0, 1, 0, -1], [0, -1, 0, 1, 0]])
     bias = [[0.0, high_mm - low_mm] * 2 + [0.0, 0.0] for low_mm, high_mm in ranges_mm]
