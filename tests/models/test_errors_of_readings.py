@@ -30,6 +30,7 @@ NOISE: dict[str, Any] = {"noise_percent_of_max": None, "noise_mm": 0.03}
 def test_a_noise_in_percent_is_one_of_the_largest_deflection_and_one_in_mm_is_not() -> None:
     assert errors_of(2.0).sensor_mm == errors_of(1.0).sensor_mm * 2 == pytest.approx(0.04)
     assert errors_of(2.0, **NOISE).sensor_mm == 0.03
+    assert errors_of(2.0, noise_percent_of_max=0.0).sensor_mm == 0.0
     assert (errors_of().step_mm, errors_of().warmth_mm, errors_of().gain) == (0.0, 0.0, 0.003)
     assert errors_of(gain_error_percent=1.5).gain == pytest.approx(0.015)
 

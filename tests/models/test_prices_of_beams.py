@@ -111,6 +111,8 @@ def test_an_overhang_costs_what_loads_and_sensors_on_it_move() -> None:
     free: dict[str, dict[str, Any]] = {"contact": {"position_mm": (10, 240)}, "sensors": {"keep_out_mm": [(250, 401)]}}
     unused = priced("overhang", {"beam": beam, **free})
     assert (unused.price, *told(unused)) == (0.0, "out", "no load or sensor on an overhang")
+    three = {"supports": [{"at_mm": 0}, {"at_mm": 120}, {"at_mm": 250}]}
+    assert told(priced("overhang", {"beam": three, **free})) == told(unused)
     for ends in ("simply-supported", "cantilever"):
         none = priced("overhang", {"beam": {"supports": ends}, "contact": {"position_mm": (10, 390)}})
         assert (none.price, *told(none)) == (0.0, "out", "no overhang")

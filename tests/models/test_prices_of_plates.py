@@ -102,12 +102,13 @@ def test_stretching_is_priced_by_the_cube_of_the_bend(usual: dict[str, Effect]) 
     assert bend < 0.2
 
 
-def test_what_a_thick_plate_leaves_out_and_cannot_know() -> None:
+def test_what_a_thick_plate_leaves_out_and_cannot_know(usual: dict[str, Effect]) -> None:
     thick = effects(on_springs({"thickness_mm": 6.0, "material": None, "youngs_modulus_gpa": 210.0})[0])
     small = thick["large deflection"]
     assert small.price is not None
     assert small.price < 0.1
     assert small.verdict == "out"
+    assert thick["shear"].price == pytest.approx((usual["shear"].price or 0) / 2, rel=1e-3)  # the same moments over 2 t
     assert re.fullmatch(r"the plate bends by [\d.]+ % of its thickness", small.reason)
     assert thick["self-weight"].reason == "constant, so a tare removes it"
     assert thick["heat from one side"].reason == "state plate.material or expansion_um_per_m_k"
