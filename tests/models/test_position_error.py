@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.stats import ncx2
 
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.design.placement.layout_rules import LayoutRules
-from beamtouch_models.design.placement.least_error import stages_of
+from beamtouch_models.design.placement.least_error import Stages, search_stages, stages_of
 from beamtouch_models.design.placement.mean_error import MeanError, mean_error_of
 from beamtouch_models.design.placement.position_error import (
     SLACK,
@@ -135,3 +136,21 @@ def test_each_stage_has_more_contacts_and_errors_after_a_failure_have_them_by_it
     assert stages.rough.price == 10
     cells = [len(stage.with_all.edges_mm[0]) - 1 for stage in (stages.rough, stages.fine, stages.drawn)]
     assert [low <= count for low, count in zip((96, 128, 256), cells, strict=True)] == [True] * 3
+
+
+def test_the_stages_of_a_search_end_at_the_best_of_all_layouts_and_draw_no_errors_where_one_is_clearly_best() -> None:
+    objective, told, drawn = position_error(0.3), list[float](), list[int]()
+    every = np.array(list(combinations(range(len(GRID_MM)), 2)), dtype=np.intp)
+    scores = objective.scores(every)
+
+    def draw() -> PositionError:
+        drawn.append(1)
+        return objective
+
+    stages = Stages(objective, objective, draw)
+    found, scored = search_stages(stages, [np.array([0, 9])], "exchange", 0, told.append, Effort(0.05))
+    assert found.tolist() == every[int(scores.argmax())].tolist()
+    assert scored > 20
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (0.0, 0.9)
+    assert not drawn

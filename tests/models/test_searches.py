@@ -103,6 +103,14 @@ def test_an_exchange_tries_each_move_of_one_sensor_and_of_two_once_where_none_ga
     assert objective.batches == [1, *([5, 5, 5, 3] * 3)]
 
 
+def test_no_sensor_moves_beyond_an_end() -> None:
+    """From the left end a sensor moves to the right alone, and with the other to either side."""
+    objective = line([0, 50])
+    refine(objective, objective.target, 10_000, 1)
+    tried = sorted(layout.tolist() for layout in objective.asked[1:])
+    assert tried == [[0, 49], [0, 51], [1, 49], [1, 50], [1, 51]]
+
+
 def test_of_more_than_eight_sensors_only_neighbours_move_together() -> None:
     for sensors, pairs in ((8, 28), (9, 8)):
         objective = line(range(10, 10 + 10 * sensors, 10))
