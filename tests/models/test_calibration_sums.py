@@ -14,7 +14,7 @@ from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface, best_step
 from beamtouch_models.design.calibration.session import COMMON, DRIFTING, SHIFT, WEIGHT, Session, bend_of
 from beamtouch_models.runtime.departures import Departures
-from models.nominal_beam import LARGEST_MM, NOISE_MM, SENSORS_MM, loads_on, nominal_of
+from models.nominal_beam import LARGEST_MM, NOISE_MM, loads_on, nominal_of
 
 SIZE = 1 + 4 + 4 + 1 + 2 + 4
 """Rigidity, gains, positions, curve, fixities and offsets."""
@@ -211,10 +211,13 @@ def test_the_scale_is_the_median_of_the_gains(gain: list[float], shares: list[fl
     assert found @ gain == pytest.approx(np.median(gain))
 
 
-def test_the_sensors_are_where_the_tests_say(nominal: NominalSurface) -> None:
-    assert nominal.sensor_mm.tolist() == SENSORS_MM.tolist()
+def test_only_hinged_ends_have_a_fixity_to_be_found(nominal: NominalSurface) -> None:
     assert nominal.hinged == (True, True)
     assert not nominal.sprung.any()
+    # An end that is clamped has no fixity to be found, nor has one that is free.
+    clamped = nominal_of(supports="cantilever")
+    assert clamped.hinged == (False, False)
+    assert list(clamped.kinds) == ["rigidity", "gain", "position", "curve", "offset"]
 
 
 def test_a_channel_may_bend_of_which_a_deflection_was_not_measured(nominal: NominalSurface) -> None:

@@ -223,7 +223,7 @@ def test_contacts_are_located_where_they_press_and_none_pulls() -> None:
     wide = locate(nominal, REAL, UnlabelledContacts(measured, np.full((3, 4), NOISE_MM)), np.full(4, 0.01), 0.1)
     assert wide.residuals.noise_mm == pytest.approx(np.sqrt(NOISE_MM**2 + 0.01**2 + (0.1 * measured) ** 2))
     # A contact of 100 times the largest force is one; beyond, and where it would have to pull, it is none.
-    for times, expected in ((1990 / 5, 1990.0), (2010 / 5, 0.0), (-1.0, 0.0)):
+    for times, expected in ((1990 / 5, 1990.0), (2010 / 5, 0.0), (-1.0, 0.0), (-0.1, 0.0)):
         plain = nominal.curve(np.zeros(16)).measured_mm(place_mm[:1], force_n[:1]) * times
         one = locate(nominal, np.zeros(16), UnlabelledContacts(plain, np.full((1, 4), NOISE_MM)), zero_mm)
         assert one.force_n == pytest.approx([expected], rel=1e-3)
