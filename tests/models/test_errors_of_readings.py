@@ -119,8 +119,8 @@ def test_a_scale_that_no_model_carries_is_refused_with_its_numbers() -> None:
     )
     assert refusal(0.0, 9.9e-10) == f"the largest deflection is 9.9e-10 mm, {check}"
     assert refusal(0.0, 1.1e9, "uV/V") == f"the largest deflection is 1.1e+09 uV/V, {check}"
-    assert refusal(2100.0, 2.0) == (
-        "sensors: a sample's noise of 2100 mm hides the largest deflection, 2 mm; use better sensors or a softer beam"
+    assert refusal(2001.0, 2.0) == (
+        "sensors: a sample's noise of 2000 mm hides the largest deflection, 2 mm; use better sensors or a softer beam"
     )
     assert refusal(1.9e-6, 2.0) == (
         "sensors: a sample's noise of 0.0000019 mm is less than 1e-4 % of the largest deflection, 2 mm, too little for "
