@@ -53,7 +53,7 @@ def advice(explained: Explanation, bad: dict[str, Quality] | None = None, kind: 
         (0, 0.2, Finding.DEAD, "does not move"),
         (0, -0.2, Finding.DEAD, "does not move"),
         (0, 0.21, Finding.GAIN, "hardly moves: 21 % as far as it should"),
-        (0, -0.23, Finding.GAIN, "hardly moves: -23 % as far as it should"),
+        (0, -0.55, Finding.GAIN, "hardly moves: -55 % as far as it should"),
         (1, nan, Finding.UNSURE, "the presses hardly move it: nothing can be said"),
     ],
 )
