@@ -5,10 +5,9 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.peers
 PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
-# Twice the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start hundreds
-# of processes. Those of the daemon wait most.
-PER_CORE = $(if $(filter-out daemon,$(or $(NAMES),all)),2,4)
-WORKERS ?= $(shell expr $(PER_CORE) \* $$(nproc))
+# Four times the cores: tests wait for devices, timeouts and outages for two thirds of their time. What is compiled is
+# kept, as they start hundreds of processes.
+WORKERS ?= $(shell expr 4 \* $$(nproc))
 
 .PHONY: help install demo test soak versions faults mutants coverage bench check docs reference release format deb images clean
 
