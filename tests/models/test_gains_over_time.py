@@ -226,9 +226,10 @@ def test_a_zero_is_known_from_rests_only_and_has_changed_since_three_contacts_at
     # Of ten contacts, half are the newest.
     found = zero_of(rested(*0.01 * np.arange(10)), 0, DRIFT_MM)
     assert found is not None
-    newest, _ = mean_and_weight(5, 10, 0.01 * np.arange(40))
+    rising: Floats = 0.01 * np.arange(40, dtype=np.float64)
+    newest, _ = mean_and_weight(5, 10, rising)
     assert found[0].changed
-    before, _ = mean_and_weight(0, found[1] // 2, 0.01 * np.arange(40), DRIFT_MM**-2)
+    before, _ = mean_and_weight(0, found[1] // 2, rising, DRIFT_MM**-2)
     assert found[0].value == pytest.approx(newest - before)
     # Before the first contact the zero was where the tare put it.
     found = zero_of(rested(0.5, 0.5, 0.5), 0, DRIFT_MM)
