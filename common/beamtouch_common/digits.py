@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import fields
+from decimal import Decimal
 from typing import Any
 
 MAX_DECIMALS = 6
@@ -22,9 +23,7 @@ def digits(value: float, count: int) -> str:
     text = f"{value:.{count}g}"
     if "e" not in text or not MIN_PLAIN <= abs(float(text)) < MAX_PLAIN:
         return text
-    decimals = count - 1 - math.floor(math.log10(abs(float(text))))
-    plain = f"{float(text):.{max(decimals, 0)}f}"
-    return plain.rstrip("0").rstrip(".") if decimals > 0 else plain
+    return f"{Decimal(text):f}"
 
 
 def decimals_of(smallest: float) -> int:
