@@ -6,16 +6,51 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import onnx
 import pytest
 
 from beamtouch_models import cli, runtime
 from beamtouch_models.runtime import ModelFile
-from beamtouch_models.runtime.description import summary
+from beamtouch_models.runtime.description import per_day, summary
+from beamtouch_models.runtime.metadata_parts import (
+    Accuracy,
+    FilterChoice,
+    LayoutErrors,
+    Noise,
+    Ranges,
+    SinceTouch,
+    SmallestForce,
+)
 from support.pages.tags import Tags
 from support.programs.in_process import Command
 from support.surfaces.example_scenes import SCENES
+from support.surfaces.small_model import model_of
+
+ACCURACY = Accuracy(
+    error_percent=2.6,
+    error_standard_error=0.1,
+    limit_percent=2.1,
+    limit_standard_error=0.06,
+    ratio_standard_error=0.02,
+    since_touch=[
+        SinceTouch(
+            since_ms=since_ms,
+            readings=3,
+            error_percent=percent,
+            error_standard_error=0.1,
+            ringing_percent=ringing_percent,
+        )
+        for since_ms, percent, ringing_percent in ((15, 3.8, 4.7), (40, 2.7, 3.0), (123.4, 2.25, None))
+    ],
+)
+LIMITS_WITHOUT = LayoutErrors(
+    criterion="position-error",
+    failed_percent=12.5,
+    limit_without_percent=[2.9, 4.9, 3.1],
+    limit_without_standard_error=[0.05, 0.08, 0.06],
+)
 
 
 def test_help_of_every_command_imports_nothing_that_computes() -> None:
@@ -112,3 +147,50 @@ def test_the_floor_is_told_to_two_digits_or_as_a_range(bench: ModelFile) -> None
     floor = bench.metadata.floor.model_copy(update={"gain": [0.0123] * 4, "zero_mm": [0.0011, 0.0028, 0.002, 0.002]})
     text = summary(bench.metadata.model_copy(update={"floor": floor}), "bench", [])
     assert "gains +- 1.2 %, zeros +- 1.1..2.8 um" in text
+
+
+@pytest.mark.parametrize(
+    ("told", "line"),
+    [
+        ({"accuracy": ACCURACY}, "error 18.2 +- 0.7 mm on average (2.6 % of the length) "),
+        ({"accuracy": ACCURACY}, "limit 14.7 +- 0.4 mm, the best possible with these sensors; error over limit 1.24 "),
+        ({"accuracy": ACCURACY}, "answer sudden touch: off by 33 mm at 15 ms, 21 mm at 40 ms "),
+        ({"accuracy": ACCURACY}, "answer gentle touch: off by 27 mm at 15 ms, 19 mm at 40 ms, 16 mm at 123 ms "),
+        ({"noise": Noise(reading_mm=0.0123, sample_mm=0.0045)}, "noise 12.3 um per reading, 4.5 um per sample "),
+        (
+            {"placed": LIMITS_WITHOUT},
+            "failed the limit grows to 34.3 +- 0.6 mm if s2 fails, the worst to lose "
+            "placed for the least position error, with the worst sensor failed 12.5 % of the time ",
+        ),
+        ({"placed": LIMITS_WITHOUT.model_copy(update={"failed_percent": None})}, "for the least position error touch "),
+        (
+            {"smallest_force": SmallestForce(position_mm=[1, 350, 699], force_n=[2.345, 0.4321, None])},
+            "touch smallest force seen: 0.43 N at the best place, 2.3 N and nothing at the ends ",
+        ),
+        (
+            {"smallest_force": SmallestForce(position_mm=[1, 350, 699], force_n=[3.0, 0.5, 3.0])},
+            "touch smallest force seen: 0.5 N at the best place, 3 N at the ends ",
+        ),
+        ({"ranges": Ranges(position_mm=(2.5, 690), force_n=(3, 3))}, "contact from 2.5 to 690 mm, with 3 N, an exact "),
+        ({"width_mm": None, "max_deflection_mm": 1.2345}, "beam 700 mm long, bends by up to 1.23 mm; identity beam-1 "),
+        (
+            {"filter": FilterChoice(kind="growing-mean", window=7, longest=150)},
+            "with 7 readings of a load at rest limit",
+        ),
+        (
+            {"filter": FilterChoice(kind="growing-mean", window=7, longest=150)},
+            "filter growing-mean of 7 to 150 readings ",
+        ),
+        ({"filter": FilterChoice(kind="moving-average", window=7)}, "filter moving-average of 7 readings "),
+        ({}, "filter none floor "),
+        ({}, "sensor linear over gaps of 1 to 4 mm, 3 mm at rest; 12 bits, 200 readings a second "),
+    ],
+)
+def test_inspect_tells_each_figure_with_its_unit(told: dict[str, Any], line: str) -> None:
+    metadata = model_of().metadata.model_copy(update={"length_mm": 700.0} | told)
+    assert f" {line}" in f" {' '.join(summary(metadata, 'press-7@123456', []).split())} "
+
+
+@pytest.mark.parametrize(("a_day", "words"), [(2.345, "2.3 a day"), (1.0, "1 a day"), (0.8, "one in 1.25 days")])
+def test_false_contacts_are_told_by_the_day_or_by_the_days_between_two(a_day: float, words: str) -> None:
+    assert per_day(a_day) == words

@@ -2,16 +2,20 @@
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
 import pytest
 
+from beamtouch_common.digits import digits
 from beamtouch_models.design.accuracy.drawing import draw
 from beamtouch_models.design.accuracy.evaluation import evaluate
 from beamtouch_models.design.calibrated import prior_of_model
+from beamtouch_models.numbers import with_error
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.description import unseen
@@ -66,11 +70,38 @@ def test_one_json_object_and_a_table(design_sensors_roughly: Command, bench_mode
     assert noisy["noise_mm"] == 0.01
     assert noisy["span"]["ratio"]["standard_error"] > 0
     assert silent["span"]["ratio"] is silent["cramer_rao_mean_mm"] is None
-    table = design_sensors_roughly("evaluate", bench_model, "--draws", 200, "--noise", 0.01, "--noise", 0).stdout
-    for said in ("error over limit", "position held", "smallest force"):
-        assert said in table
-    assert re.search(r"without noise\s+the limit is 0, so there is no ratio", table)
-    assert re.search(r"limit, mean\s+-", table)
+    table = design_sensors_roughly("evaluate", bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0).stdout
+    said = " ".join(table.split())
+    assert re.search(r"without noise the limit is 0, so there is no ratio", said)
+    assert re.search(r"limit, mean -", said)
+    for line in told_lines(noisy):
+        assert f" {line} " in said
+
+
+def told_lines(evaluation: dict[str, Any]) -> Iterator[str]:
+    """Yield what the command says of an evaluation on a beam of 400 mm, without the spaces between columns."""
+
+    def told(measured: dict[str, float], scale: float = 1.0) -> str:
+        return with_error(scale * measured["value"], scale * measured["standard_error"])
+
+    parts = evaluation["span"], evaluation["middle"]
+    for label, name in (
+        ("mean", "mean_mm"),
+        ("95th percentile", "p95_mm"),
+        ("limit, mean", "limit_mean_mm"),
+        ("limit, 95th", "limit_p95_mm"),
+    ):
+        yield f"{label} {' '.join(told(part[name], scale) for part in parts for scale in (1, 1 / 4))}"
+    yield f"worst {' '.join(digits(scale * part['worst_mm'], 3) for part in parts for scale in (1, 1 / 4))}"
+    yield f"error over limit {' '.join(told(part['ratio']) for part in parts)}"
+    yield f"position held {told(evaluation['position_coverage'], 100)} % of contacts"
+    yield f"interval {told(evaluation['position_width_mm'])} mm"
+    yield f"force held {told(evaluation['force_coverage'], 100)} % of forces"
+    yield f"force error {told(evaluation['force_error_n'])} N,"
+    yield f"missed {told(evaluation['missed'], 100)} % of contacts"
+    yield f"unexplained {told(evaluation['unexplained'], 100)} % of contacts"
+    yield f"smallest force {'..'.join(digits(force_n, 3) for force_n in evaluation['smallest_force_n'])} N,"
+    yield f"Cramer-Rao {digits(evaluation['cramer_rao_mean_mm'], 3)} mm,"
 
 
 def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: ModelFile) -> None:

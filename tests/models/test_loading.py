@@ -122,6 +122,8 @@ def rewritten(source: Path, target: Path, key: str, value: str | None) -> Path:
         ("noise", "{", "its metadata is not JSON"),
         ("seed", "[" * 100_000, "its metadata is not JSON"),
         ("seed", "9" * 5000, "its metadata is not JSON"),
+        ("noise", '{"reading_mm": 1e999, "sample_mm": 1}', "noise.reading_mm: must be a finite number"),
+        ("noise", '{"reading_mm": 1, "sample_mm": -1e-9}', "noise.sample_mm: must be at least 0"),
         ("noise", '{"reading_mm": "1", "sample_mm": true}', "noise.reading_mm: must be a number"),
         ("length_mm", '"long"', "length_mm: "),
         ("layout", "[]", "layout: "),

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
+from beamtouch_models.filters.ringing import Followed, Ringing
 from beamtouch_models.filters.search import Whole, carried, sought
 from beamtouch_models.filters.sinusoids import Band, Poles, fit, refine, seek
 
@@ -131,6 +132,18 @@ def test_any_split_of_the_stream_gives_the_same_bits_also_if_a_state_is_taken_ba
     joined = Filtered.joined(parts)
     np.testing.assert_array_equal(joined.mean_mm, whole.mean_mm)
     np.testing.assert_array_equal(joined.excess_mm2, whole.excess_mm2)
+
+
+def test_after_each_search_in_vain_a_row_more_passes_up_to_eight() -> None:
+    """Nothing swings in white noise that is a hundred times that of readings."""
+    followed: Followed | None = None
+    ringing, searches = Ringing(PERIOD, np.ones(CHANNELS), np.ones(CHANNELS), 0.01), list[int]()
+    for row, reading in enumerate(100 * noise(60, 2)):
+        _, followed = ringing.follow(followed, np.array([float(row)]), reading[np.newaxis], [True])
+        assert followed is not None
+        assert followed.fit is None
+        searches += [row] * (followed.failures > len(searches))
+    assert np.diff(searches).tolist() == [2, 3, 4, 5, 6, 7, 8, 9, 9]
 
 
 def test_a_touch_of_a_beam_that_still_rings_from_a_lift_is_seen_within_some_readings() -> None:

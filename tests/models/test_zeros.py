@@ -214,6 +214,26 @@ def test_steps_of_an_adc_that_hide_the_noise_bound_what_a_rest_tells() -> None:
     assert (error < 2 * deviation(tracked)).mean() > 0.9
 
 
+@pytest.mark.parametrize(
+    ("step_mm", "noise_mm", "variance_mm2"),
+    [
+        (0.0, 0.3, 0.3**2 / 20),  # of a mean of the 20 readings in 0.1 s
+        (0.6, 0.0, 0.6**2 / 12),  # of a number that was rounded
+        (0.5, 0.3, 0.3**2 / 20 + 0.5**2 / 12),
+    ],
+)
+def test_a_rest_moves_a_zero_the_further_the_less_its_readings_deviate(
+    step_mm: float, noise_mm: float, variance_mm2: float
+) -> None:
+    """By p / (p + R) of the way, for the variances p of the zero, and R of a block of readings."""
+    walk, start_mm = Walk(rate_mm_per_min=1e-6, max_mm=10.0, start_mm=0.1), 0.1
+    tracking = Zeros(walk, RATE_HZ, noise_mm, step_mm, 0.0, 1)
+    tracking.track(np.full((19, 1), 0.05))
+    assert tracking.zero_mm == [0.0]
+    tracking.track(np.full((1, 1), 0.05))
+    assert tracking.zero_mm == pytest.approx([0.05 * start_mm**2 / (start_mm**2 + variance_mm2)], rel=1e-4)
+
+
 def test_a_light_touch_soon_after_a_long_contact_is_no_part_of_its_lift() -> None:
     contact, light_touch = pressed(5, 305, 0.3), pressed(320, 330, 0.02)
 
