@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.calibration.choice import shares_of_scale
 from beamtouch_models.design.calibration.fit import fit
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface, best_step
 from beamtouch_models.design.calibration.session import COMMON, DRIFTING, SHIFT, WEIGHT, Session, bend_of
+from beamtouch_models.design.physics.structure import influence_of
 from beamtouch_models.runtime.departures import Departures
+from beamtouch_models.runtime.error_model import Errors
 from models.nominal_beam import LARGEST_MM, NOISE_MM, loads_on, nominal_of
+from models.scene_limits import PLATE, made
 
 SIZE = 1 + 4 + 4 + 1 + 2 + 4
 """Rigidity, gains, positions, curve, fixities and offsets."""
@@ -46,6 +50,25 @@ def test_an_entry_of_one_is_a_plausible_departure(nominal: NominalSurface) -> No
     assert nominal.departures(vector).fixity == pytest.approx((0.0, 0.9))
     steady = replace(nominal, mounting_mm=0.25)
     assert steady.departures(vector).position_offset_mm == pytest.approx(0.25 * vector[5:9])
+
+
+def test_an_entry_of_one_is_a_plausible_departure_of_a_plate_with_springs() -> None:
+    scene = made(PLATE)
+    assert scene.plate is not None
+    sensor_mm = np.array([[40.0, 70.0], [310.0, 50.0], [200.0, 255.0]])
+    prior = Prior.of(influence_of(scene), sensor_mm, Errors(0.007))
+    nominal = NominalSurface(scene.plate, 0.0, sensor_mm, prior, 1.3, 0.001, "mm", None)
+    vector = np.random.default_rng(4).uniform(-0.9, 0.9, 1 + 3 + 3 + 3 + 1 + 4 + 3)
+    found = nominal.departures(vector)
+    assert nominal.size == len(vector)
+    assert found.rigidity == pytest.approx(np.exp(0.1 * vector[0]))
+    assert found.gain == pytest.approx(np.exp(0.04 * vector[1:4]))
+    assert found.position_offset_mm == pytest.approx(1.5 * vector[4:7])
+    assert found.across_offset_mm == pytest.approx(1.5 * vector[7:10])
+    assert found.curve_per_mm == pytest.approx(0.03 / 1.3 * vector[10])
+    assert found.spring_stiffness == pytest.approx(np.exp(0.1 * vector[11:15]))
+    assert found.offset_mm == pytest.approx(3 * 0.007 * vector[15:])
+    assert nominal.vector_of(found) == pytest.approx(vector)
 
 
 def test_standard_errors_are_in_the_units_of_the_departures(nominal: NominalSurface) -> None:

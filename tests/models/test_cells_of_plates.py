@@ -9,6 +9,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.cell_posterior import summarize
 from beamtouch_models.design.accuracy.limit import least_errors_mm, posterior_places_mm
 from beamtouch_models.design.accuracy.prior import Prior
+from beamtouch_models.design.estimators.posterior.plane import _boxes
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime.error_model import Errors
 
@@ -86,3 +87,13 @@ def test_two_places_that_look_alike_are_both_kept() -> None:
     found = summarize(prior, FORCE_N * folded(np.array([[130.0, 90.0]])), np.array([[0.25, 0.75]]))
     assert sorted(found.likely_mm[0, :, 0]) == pytest.approx([130.0, 270.0], abs=3)
     assert found.distance_mm == pytest.approx([70.0], abs=3)
+
+
+@pytest.mark.parametrize(
+    ("noise_mm", "boxes"), [(50.0, 1), (0.067, 1), (0.064, 2), (0.0063, 2), (0.006, 3), (5e-4, 3), (1e-6, 3)]
+)
+def test_boxes_go_on_until_cells_are_six_tenths_of_a_deviation_and_end_with_the_third(
+    noise_mm: float, boxes: int
+) -> None:
+    """Of 380 by 210 mm: cells are a 32nd of a box, and the next box is taken to have the width of three of them."""
+    assert _boxes(plate(noise_mm)) == boxes

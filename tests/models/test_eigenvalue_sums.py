@@ -15,7 +15,7 @@ from beamtouch_models.design.placement.eigenvalue_product import (
     principal_components,
 )
 from beamtouch_models.design.placement.layout_rules import LayoutRules
-from beamtouch_models.design.placement.placing import Aim, _checked, place, recommended_count, score_layout
+from beamtouch_models.design.placement.placing import Aim, Placement, _checked, place, recommended_count, score_layout
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.places import on_axis
 from models.loaded_string import STRING, string_mm
@@ -197,6 +197,7 @@ def test_a_structure_that_does_not_move_and_a_search_that_breaks_a_rule_are_refu
         1.5,
         5,
     )
+    assert Placement(np.array([[30.0, 7.0], [200.0, 11.0]]), 1.5, 5).places == [(30.0, 7.0), (200.0, 11.0)]
 
 
 @pytest.mark.parametrize(

@@ -122,9 +122,17 @@ def test_a_scale_that_no_model_carries_is_refused_with_its_numbers() -> None:
     assert refusal(2001.0, 2.0) == (
         "sensors: a sample's noise of 2000 mm hides the largest deflection, 2 mm; use better sensors or a softer beam"
     )
+    assert refusal(2477.0, 1.2345) == (
+        "sensors: a sample's noise of 2480 mm hides the largest deflection, 1.23 mm; use better sensors or a softer "
+        "beam"
+    )
     assert refusal(1.9e-6, 2.0) == (
         "sensors: a sample's noise of 0.0000019 mm is less than 1e-4 % of the largest deflection, 2 mm, too little for "
         "the float32 of a model; state the noise of a real sensor"
+    )
+    assert refusal(1.2345e-6, 2.3456, "uV/V") == (
+        "sensors: a sample's noise of 0.00000123 uV/V is less than 1e-4 % of the largest deflection, 2.35 uV/V, too "
+        "little for the float32 of a model; state the noise of a real sensor"
     )
     for noise_mm, largest_mm in ((0.0, 1.0), (1e-9, 1e-9), (1e9, 1e9), (2000.0, 2.0), (2e-6, 2.0)):
         check_scale(noise_mm, largest_mm)
@@ -136,14 +144,15 @@ def test_zeros_that_drift_farther_than_any_deflection_are_refused() -> None:
         FilterChoice(),
     )
 
-    def said(zero_mm: float, warmth_mm: float) -> str:
+    def said(zero_mm: float, warmth_mm: float, largest_mm: float = 0.25) -> str:
         with pytest.raises(SceneError) as refused:
-            check_errors(scene, ReadingErrors(0.1, 0.0, 0.0, zero_mm, warmth_mm, 0.0), chosen, 0.25)
+            check_errors(scene, ReadingErrors(0.1, 0.0, 0.0, zero_mm, warmth_mm, 0.0), chosen, largest_mm)
         return str(refused.value)
 
     hides = "hides the largest deflection, 0.25 mm; tare more often, use better sensors or a softer beam"
-    assert said(251.0, 3.0) == f"sensors.zero_drift_mm = 251 {hides}"
+    assert said(253.74, 3.0) == f"sensors.zero_drift_mm = 254 {hides}"
     assert said(3.0, 251.0) == f"sensors.drift_um_per_k = 7.5 {hides}"
+    assert said(300.0, 3.0, 0.25149) == f"sensors.zero_drift_mm = 300 {hides.replace('0.25 mm', '0.251 mm')}"
     check_errors(scene, ReadingErrors(0.1, 0.0, 0.0, 250.0, 250.0, 0.0), chosen, 0.25)
     with pytest.raises(SceneError, match=r"sample's noise of 300 mm"):
         check_errors(

@@ -125,10 +125,20 @@ OF_BEAMS: dict[str, tuple[Tables, Tables, str]] = {
         contact(width_mm=400),
         "contact.width_mm = 400 must be less than beam.length_mm = 400",
     ),
+    "contacts wider than the beam is long": (
+        {},
+        contact(width_mm=450),
+        "contact.width_mm = 450 must be less than beam.length_mm = 400",
+    ),
     "large sensors": (
         sensors(size_mm=399),
         sensors(size_mm=400),
         "sensors.size_mm = 400 must be less than beam.length_mm = 400",
+    ),
+    "sensors larger than the beam": (
+        {},
+        sensors(size_mm=450),
+        "sensors.size_mm = 450 must be less than beam.length_mm = 400",
     ),
     "noise": (
         sensors(noise_mm=0.5),

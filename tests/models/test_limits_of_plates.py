@@ -62,10 +62,20 @@ OF_PLATES: dict[str, tuple[Tables, Tables, str]] = {
         contact(width_mm=300),
         "contact.width_mm = 300 must be less than the plate's shorter side, 300 mm",
     ),
+    "contacts wider than the plate": (
+        {},
+        contact(width_mm=350),
+        "contact.width_mm = 350 must be less than the plate's shorter side, 300 mm",
+    ),
     "large sensors": (
         sensors(size_mm=299),
         sensors(size_mm=300),
         "sensors.size_mm = 300 must be less than the plate's shorter side, 300 mm",
+    ),
+    "sensors larger than the plate": (
+        {},
+        sensors(size_mm=350),
+        "sensors.size_mm = 350 must be less than the plate's shorter side, 300 mm",
     ),
     "noise": (
         sensors(noise_mm=0.5),

@@ -124,6 +124,11 @@ BAD: dict[str, tuple[Rows, str, str]] = {
         "position_mm,force_n,a_deflection_V,a_deflection_A",
         "two columns are of a, in different units; take one out",
     ),
+    "one of several sensors twice": (
+        [(*row, 0.1, 0.2) for row in ROWS],
+        "position_mm,force_n,a_deflection_V,b_deflection_V,c_deflection_V,b_deflection_A",
+        "two columns are of b, in different units; take one out",
+    ),
     "two kinds": (
         ROWS,
         "position_mm,force_n,a_deflection_V,b_deflection_A",

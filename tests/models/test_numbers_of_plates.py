@@ -68,6 +68,13 @@ def test_elements_are_about_square_and_no_fewer_than_six_along_a_side() -> None:
         assert len(body.free) == body.x.unknowns * body.y.unknowns - 3
 
 
+def test_a_plate_is_factored_once_whatever_holds_it() -> None:
+    one, other = (supported_plate(steel(thickness_mm=t, support_stiffness_n_per_mm=k)) for t, k in ((3, 15), (5, 40)))
+    assert supported_plate(steel(thickness_mm=3, support_stiffness_n_per_mm=15)) is one
+    assert one is not other
+    assert one.body is other.body
+
+
 def test_a_plate_beyond_numbers_is_refused() -> None:
     said = "plate: its deflection is beyond what can be computed; check its lengths, thickness and springs"
     for changes in (

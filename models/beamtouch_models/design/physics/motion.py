@@ -108,9 +108,12 @@ def laden_period_s(scene: Scene) -> float | None:
     weight and of the weight add up (Dunkerley, On the whirling and vibration of shafts, Phil. Trans. A 185, 1894),
     which is never too short.
     """
-    first_hz, loads = first_frequency_hz(scene.solid), loads_of(scene)
-    if first_hz is None:
-        return None
+    first_hz = first_frequency_hz(scene.solid)
+    return None if first_hz is None else _laden_s(scene, first_hz)
+
+
+def _laden_s(scene: Scene, first_hz: float) -> float:
+    loads = loads_of(scene)
     yielding_m_per_n = 1e-3 * float(np.diag(influence(scene.solid, loads, loads)).max())
     weight_kg = scene.contact.force_range_n[1] / GRAVITY
     return math.hypot(1 / first_hz, 2 * math.pi * math.sqrt(weight_kg * yielding_m_per_n))
@@ -126,10 +129,10 @@ def slowest_period_ms(scene: Scene) -> float | None:
     rate, readings fall on alternate sides, and their amplitude seems to swing at the difference to half the rate.
     """
     solid, rate_hz = scene.solid, scene.sensors.rate_hz
-    first_hz, laden_s = first_frequency_hz(solid), laden_period_s(scene)
-    if first_hz is None or laden_s is None:
+    first_hz = first_frequency_hz(solid)
+    if first_hz is None:
         return None
-    periods_s = [laden_s]
+    periods_s = [_laden_s(scene, first_hz)]
     for frequency_hz in (first_hz, *_frequencies_hz(solid)[1:EXCITED].tolist()):
         rings_s = 1 / (damping_of(solid) * 2 * math.pi * frequency_hz)
         apparent_hz = abs(frequency_hz - round(frequency_hz / rate_hz) * rate_hz)

@@ -49,10 +49,9 @@ class LineLayouts:
     def _sums_from_left(self, values: Floats) -> Floats:
         """Return the largest sum of the first k + 1 values with the k-th sensor at i; (sensors, candidates)."""
         sums = np.full_like(values, -np.inf)
-        first = self._fixed[0] if len(self._fixed) else len(self._position_mm) - 1
-        sums[0, : first + 1] = values[0, : first + 1]
         # The predecessor of a sensor is at or after the last fixed sensor before it, which must not be skipped.
         bounds = [0, *(int(index) + 1 for index in self._fixed), len(self._position_mm)]
+        sums[0, : bounds[1]] = values[0, : bounds[1]]
         for k in range(1, len(values)):
             for start, end in pairwise(bounds):
                 low = max(start - 1, 0)

@@ -25,7 +25,7 @@ from beamtouch_models.design.placement.search import first_best, search_from
 from beamtouch_models.design.sweeps import Progress, one_thread, silent
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.names import CRITERIA, Criterion, SearchName
-from beamtouch_models.places import Place, positions_of
+from beamtouch_models.places import Place, as_stated, positions_of
 
 AT_REST = 1e-12
 """Largest deflection at a support, over that elsewhere: rounding."""
@@ -101,7 +101,8 @@ class Placement(Rounded):
     @property
     def places(self) -> list[Place]:
         """The places as a user states them: positions on a beam, pairs on a plate."""
-        return [place[0] if len(place) == 1 else tuple(place) for place in self.place_mm.tolist()]
+        stated = as_stated(self.place_mm).tolist()
+        return [place if isinstance(place, float) else tuple(place) for place in stated]
 
 
 def place_as(

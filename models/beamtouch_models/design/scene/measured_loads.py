@@ -174,14 +174,14 @@ def _sensors_in(columns: Sequence[str], *, per_newton: bool) -> dict[str, tuple[
         )
     if not found:
         raise RecordingError(f"it has no column of a sensor; {told}")
-    names = {name for name, _ in found.values()}
+    names = [name for name, _ in found.values()]
     known = {*wanted, "unix_time_s", "load", *found, *(f"{name}{end}" for name in names for end in BESIDE)}
     if unknown := [column for column in columns if column not in known and _seems_measured(column)]:
         raise RecordingError(f"column {unknown[0]!r} is not known; {told}")
     if wrong := [column for column, (name, _) in found.items() if not re.fullmatch(NAME, name)]:
         raise RecordingError(f"column {wrong[0]} does not begin with the name of a sensor, as s1_deflection_mm does")
-    if len(names) < len(found):
-        raise RecordingError(f"two columns are of {next(iter(names))}, in different units; take one out")
+    if twice := [name for number, name in enumerate(names) if name in names[:number]]:
+        raise RecordingError(f"two columns are of {twice[0]}, in different units; take one out")
     units = {unit: name for name, unit in found.values()}
     if len(units) > 1:
         (first, name), (second, other) = list(units.items())[:2]
