@@ -70,6 +70,8 @@ def test_the_log_product_is_that_of_the_largest_eigenvalues(leading: int) -> Non
     assert log_eigenvalue_product(matrix * [1, 1e-9, 1, 1]) == pytest.approx(
         log_eigenvalue_product(matrix) - 2 * 9 * np.log(10)
     )
+    both_hardly = np.column_stack([matrix, 1e-9 * matrix[:, :1] * [1.0, 0.3]])
+    assert log_eigenvalue_product(both_hardly[:, 1:]) == -np.inf
     assert score_layout(STRING, on_axis(GRID_MM[[0, 2, 3, 5]]), leading) == pytest.approx(
         np.log(moments(columns(0, 2, 3, 5))[:leading]).sum()
     )

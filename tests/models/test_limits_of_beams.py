@@ -150,6 +150,11 @@ OF_BEAMS: dict[str, tuple[Tables, Tables, str]] = {
         sensors(fixed_mm=[200, 401]),
         "sensors.fixed_mm reaches beyond the beam, 0..400 mm",
     ),
+    "sensors before the beam": (
+        {},
+        sensors(fixed_mm=[-0.4, 200]),
+        "sensors.fixed_mm reaches beyond the beam, 0..400 mm",
+    ),
     "keep-out before the beam": (
         sensors(keep_out_mm=[[-9, 1]]),
         sensors(keep_out_mm=[[-9, 0]]),

@@ -1,5 +1,7 @@
 """Theories of structures, fitted to few known loads: against cases whose answer is known, and least squares by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -119,6 +121,9 @@ def test_a_theory_of_another_sign_or_of_another_structure_is_refused() -> None:
     against = known(np.array([1.0, -1.0]))
     with pytest.raises(SceneError, match="b shows the opposite of what it says; change the sign of"):
         TheoryFit.of(THEORY, against, NOISE_MM, curved=False).check(against, NOISE_MM, ("a", "b"), "mm")
+    still = replace(TheoryFit.of(THEORY, known(), NOISE_MM, curved=False), gains=Gains(np.array([0.0, 1.0]), ()))
+    with pytest.raises(SceneError, match="a shows the opposite of what it says"):
+        still.check(known(), NOISE_MM, ("a", "b"), "mm")
     swapped = known()
     swapped = KnownLoads(AT_MM, FORCE_N, swapped.shown_mm[:, ::-1], swapped.by_theory)
     fit = TheoryFit.of(THEORY, swapped, NOISE_MM, curved=False)

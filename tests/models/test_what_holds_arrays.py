@@ -1,10 +1,13 @@
 """Objects of the physics that hold arrays: each is itself, and equal to no other, so that it may be in a set."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from beamtouch_models import resolve
+from beamtouch_models.design.layout import Layout
 from beamtouch_models.design.physics.characteristic_fit import Characteristic
 from beamtouch_models.design.physics.influence_function import InfluenceFunction
 from beamtouch_models.design.physics.measured_structure import measured_structure_of
@@ -12,9 +15,10 @@ from beamtouch_models.design.physics.plate import free_plate, supported_plate
 from beamtouch_models.design.physics.smooth_fit import SmoothFit
 from beamtouch_models.design.physics.smoothness import Smoothness
 from beamtouch_models.design.physics.theory_fit import Gains, KnownLoads, Theory, TheoryFit
+from beamtouch_models.design.placement.placing import DEFAULT_AIM, Placement
 from beamtouch_models.design.scene.measured_loads import parse_loads
 from models.load_tables import table
-from models.scene_limits import PLATE, made
+from models.scene_limits import BEAM, PLATE, beam, made
 from support.surfaces.tapered_leaf import loads_csv, scene_of
 
 PLACES = np.linspace(10, 90, 6)
@@ -51,6 +55,13 @@ MADE: dict[str, Any] = {
 def test_an_object_is_equal_to_itself_only(name: str) -> None:
     one, other = MADE[name](), MADE[name]()
     assert len({one, one, other}) == 2
+
+
+def test_a_layout_is_equal_to_itself_only() -> None:
+    placement = Placement(np.array([[130.0], [270.0]]), 1.0, 5)
+    layout = Layout(resolve(made(BEAM, beam(supports="simply-supported"))), placement, DEFAULT_AIM)
+    assert len({layout, layout, replace(layout)}) == 2
+    assert len({placement, placement, replace(placement)}) == 2
 
 
 def test_a_plate_that_was_factored_is_equal_to_itself_only() -> None:

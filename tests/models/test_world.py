@@ -22,6 +22,7 @@ from beamtouch_models.lab.rig.surface import PERFECT, Imperfections, VirtualSurf
 from beamtouch_models.runtime import ModelFile
 from beamtouch_models.runtime.departures import Calibration, Departures
 from beamtouch_models.runtime.metadata_parts import Sensor
+from models.scene_limits import BEAM, made
 from support.surfaces.example_scenes import SCENES, paper_scene
 
 SCENE, _ = load_scene(SCENES / "bench.toml")
@@ -136,6 +137,13 @@ def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) 
     every = np.ones(measured.shape, np.bool_)
     assert distances(calibrated, measured, every).max() < 0.05
     assert distances(calibrated, clean, every).min() > 1
+
+
+def test_a_structure_whose_mass_is_not_stated_neither_rings_nor_has_inertia() -> None:
+    world = World.of(made(BEAM), sensor_of(12), np.array([100.0, 210.0, 300.0]), 1e-3)
+    with pytest.raises(ValueError, match="a beam without a mass does not ring"):
+        world.ringing_mm(np.array([150.0]), np.array([7.0]), np.array([[0.1, 0.2]]))
+    assert (world.inertia_mm(np.array([[150.0, 151.0]]), np.array([7.0]), 1e-3) == np.zeros((1, 2, 3))).all()
 
 
 @pytest.mark.parametrize("name", ["bench", "cantilever", "two-spans"])

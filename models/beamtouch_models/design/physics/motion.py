@@ -134,11 +134,10 @@ def slowest_period_ms(scene: Scene) -> float | None:
         return None
     periods_s = [_laden_s(scene, first_hz)]
     for frequency_hz in (first_hz, *_frequencies_hz(solid)[1:EXCITED].tolist()):
-        rings_s = 1 / (damping_of(solid) * 2 * math.pi * frequency_hz)
+        decays_per_s = damping_of(solid) * 2 * math.pi * frequency_hz
         apparent_hz = abs(frequency_hz - round(frequency_hz / rate_hz) * rate_hz)
-        beat_hz = max(min(apparent_hz, rate_hz / 2 - apparent_hz), 1e-9)
-        followed = 2 * frequency_hz <= rate_hz
-        periods_s.append(max(min(1 / beat_hz, rings_s), 1 / frequency_hz if followed else 0.0))
+        beat_hz = min(apparent_hz, rate_hz / 2 - apparent_hz)
+        periods_s.append(1 / max(beat_hz, decays_per_s))
     return 1e3 * max(periods_s)
 
 

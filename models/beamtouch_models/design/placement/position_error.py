@@ -116,7 +116,7 @@ def other_loads(influence: InfluenceFunction, rules: LayoutRules, sampling: Samp
     def under(at: Callable[[Floats], Floats]) -> Floats:
         """Return what all loads do, from what 1 N at places (places, axes) does to the candidates."""
         values = [at(kind.reshape(-1, extent.axes)) for kind in kinds]
-        means = [value.reshape(len(kinds[0]), -1, *value.shape[1:]).mean(axis=1) for value in values]
+        means = [value.reshape(len(first), -1, *value.shape[1:]).mean(axis=1) for value in values]
         return np.concatenate([force * per_newton for force in forces for per_newton in means])
 
     sample = under(partial(influence.at, rules.place_mm))
