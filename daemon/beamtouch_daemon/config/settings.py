@@ -231,7 +231,7 @@ class Surface(Strict):
         if message:
             raise ValueError(f"channel {channel.name}: {message}")
         register = channel.register_
-        if register is None and module is not None and channel.input is not None:
+        if module is not None and channel.input is not None:
             register = module.register_of(channel.input)
         host, unit = getattr(source, "host", ""), getattr(source, "unit", 0)
         return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
