@@ -1,5 +1,6 @@
 """How old a tare and kept zeros are, and of which sensors they are."""
 
+import json
 import logging
 import math
 from dataclasses import replace
@@ -25,6 +26,11 @@ def tare(taken_at: str, **others: object) -> TareFile:
     return TareFile.model_validate(
         {"surface": "bench", "taken_at": taken_at, "readings": 50, "rest_gap_mm": {"s1": 2.5, "s2": 2.6}} | others
     )
+
+
+def changed(name: str, value: object) -> str:
+    """Return the content of a tare file with one other member."""
+    return json.dumps(tare("").model_dump() | {name: value})
 
 
 @pytest.mark.parametrize(
@@ -70,6 +76,16 @@ def test_a_tare_file_holds_the_gaps_and_of_which_sensors_they_are(tmp_path: Path
     [
         ("{", "not a tare file; delete it or run beamtouch-daemon tare again"),
         ('{"surface": "bench"}', "not a tare file; delete it or run beamtouch-daemon tare again"),
+        *(
+            (changed(name, value), "not a tare file; delete it or run beamtouch-daemon tare again")
+            for name, value in (
+                ("readings", "57"),
+                ("rest_gap_mm", {"s1": "2.5", "s2": 2.5}),
+                ("rest_gap_mm", {"s1": True, "s2": 2.5}),
+                ("taken_at", 1795218046),
+                ("gap_mm", 2.5),
+            )
+        ),
         (
             tare("").model_dump_json().replace('"s2"', '"s3"'),
             "made for other channels; delete it or run beamtouch-daemon tare again",

@@ -91,9 +91,28 @@ def test_a_refusal_is_told_with_the_registers_and_what_to_do(exception: int, blo
     assert refusal_text(exception, block) == said
 
 
-def test_a_refusal_in_a_few_words_names_no_registers() -> None:
-    assert exception_words(3) == "exception 3, it refuses that many registers"
-    assert exception_words(77) == "exception 77, an error"
+@pytest.mark.parametrize(
+    ("exception", "words"),
+    [
+        # The codes are those of the Modbus Application Protocol Specification 1.1b3, chapter 7.
+        (0, "an error"),
+        (1, "it does not know this function"),
+        (2, "it has no such register"),
+        (3, "it refuses that many registers"),
+        (4, "device failure"),
+        (5, "it needs more time"),
+        (6, "device busy"),
+        (7, "an error"),
+        (8, "memory error"),
+        (9, "an error"),
+        (10, "gateway path unavailable"),
+        (11, "gateway"),
+        (12, "an error"),
+        (77, "an error"),
+    ],
+)
+def test_a_refusal_in_a_few_words_is_what_the_standard_means_and_names_no_registers(exception: int, words: str) -> None:
+    assert exception_words(exception) == f"exception {exception}, {words}"
 
 
 BUSY, LASTING, ANSWERED = RegisterAnswer(exception=6), RegisterAnswer(exception=2), RegisterAnswer((5, 6))

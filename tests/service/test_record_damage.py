@@ -112,6 +112,7 @@ def test_a_row_that_cannot_be_read_is_said_like_any_damage(
         ("touched_us", f"{2**60}"),
         ("samples", "'abc'"),
         ("place", "'{\"position\":[1]}'"),
+        ("place", "'5'"),
         ("zones", "'[]'"),
         ("zones", "'{'"),
         ("end", "'lost'"),
