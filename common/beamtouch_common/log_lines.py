@@ -170,5 +170,5 @@ def set_up(*, as_json: bool = False, levels: Iterable[Level] = ()) -> None:
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; its callers report them
     for part, level in levels:
         logging.getLogger(part).setLevel(level)
-        if "." not in part and level > logging.INFO:  # all of the program, with the libraries that it uses
-            logging.getLogger().setLevel(level)
+        if "." not in part:  # all of the program, with the libraries that it uses
+            logging.getLogger().setLevel(max(level, logging.INFO))

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, Mean
+from beamtouch_models.filters.filtered import Found
 from beamtouch_models.filters.ringing import Followed, Ringing
 from beamtouch_models.filters.search import Whole, carried, sought
 from beamtouch_models.filters.sinusoids import Band, Poles, fit, refine, seek
@@ -132,6 +133,40 @@ def test_any_split_of_the_stream_gives_the_same_bits_also_if_a_state_is_taken_ba
     joined = Filtered.joined(parts)
     np.testing.assert_array_equal(joined.mean_mm, whole.mean_mm)
     np.testing.assert_array_equal(joined.excess_mm2, whole.excess_mm2)
+
+
+@pytest.mark.parametrize(
+    ("readings", "excess_mm2", "missing", "replaced"),
+    [
+        # The mean has 0.25 x (4 + 1) mm^2 of noise and 6 of motion: 7.25 in all.
+        (10, (3.3, 3.4), (), True),  # with 0.1 x (4 + 1) mm^2 of noise: 7.2
+        (10, (3.4, 3.4), (), False),
+        (2, (2.3, 2.4), (), True),
+        (2, (2.4, 2.4), (), False),
+        (10, (3.3, 3.4), (1,), False),  # the mean has a channel more
+    ],
+)
+def test_a_rest_replaces_a_mean_that_moves_where_the_sum_of_its_variances_is_less(
+    readings: int, excess_mm2: tuple[float, float], missing: tuple[int, ...], replaced: bool
+) -> None:
+    rest_mm = np.array([7.0, 8.0])
+    rest_mm[list(missing)] = np.nan
+    moving = np.array([False, True, True])
+    means = Filtered(
+        np.arange(6.0).reshape(3, 2),
+        np.full((3, 2), 0.25),
+        np.array([2.0, 1.0]),
+        moving,
+        ~moving,
+        np.stack([np.eye(2), np.diag([1.0, 2.0]), np.diag([2.0, 4.0])]),
+        np.zeros(3, np.bool_),
+    )
+    after = means.replaced([(2, Found(rest_mm, readings, np.diag(excess_mm2)))])
+    assert after.found.tolist() == [False, False, replaced]
+    assert after.mean_mm.tolist() == [[0.0, 1.0], [2.0, 3.0], [7.0, 8.0] if replaced else [4.0, 5.0]]
+    assert after.covariance_mm2[:2] == pytest.approx(means.covariance_mm2[:2])
+    noise_mm2, beyond_mm2 = np.diag([4.0, 1.0]), np.diag(excess_mm2 if replaced else (2.0, 4.0))
+    assert after.covariance_mm2[2] == pytest.approx(noise_mm2 * (1 / readings if replaced else 0.25) + beyond_mm2)
 
 
 def test_after_each_search_in_vain_a_row_more_passes_up_to_eight() -> None:

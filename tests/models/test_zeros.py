@@ -234,6 +234,16 @@ def test_a_rest_moves_a_zero_the_further_the_less_its_readings_deviate(
     assert tracking.zero_mm == pytest.approx([0.05 * start_mm**2 / (start_mm**2 + variance_mm2)], rel=1e-4)
 
 
+def test_a_rest_that_moves_one_zero_faster_than_a_drift_moves_all_by_the_same_part() -> None:
+    """What comes slowly as a load does moves some channels faster than others."""
+    walk, rested = Walk(rate_mm_per_min=0.6, max_mm=10.0, start_mm=1.0), Rested(9.9, (0.0, 0.0), (1.0, 1.0))
+    tracking = Zeros(walk, RATE_HZ, 0.001, 0.0, 0.0, 2, rested)
+    tracking.track(np.full((20, 2), [0.8, 0.12]))
+    # Twice the rate is 0.2 mm in the 10 s since the last rest, a fourth of 0.8; noise explains four deviations more.
+    leash_mm = 4 * 0.001 / 20**0.5
+    assert tracking.zero_mm == pytest.approx([0.2 + leash_mm, 0.03 + leash_mm], rel=1e-4)
+
+
 def test_a_light_touch_soon_after_a_long_contact_is_no_part_of_its_lift() -> None:
     contact, light_touch = pressed(5, 305, 0.3), pressed(320, 330, 0.02)
 

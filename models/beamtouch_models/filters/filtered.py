@@ -19,8 +19,6 @@ class Found(NamedTuple):
     """Number of readings in it."""
     excess_mm2: FloatArray
     """Its covariance beyond the noise of that mean, shape (channels, channels); 0 of missing channels."""
-    variance_mm2: float
-    """Sum of its variances."""
     is_rest: bool = True
     """True if the beam will rest there."""
 
@@ -63,19 +61,22 @@ class Filtered:
         """Return the means, of which some that move are replaced: by their rows, and where that is less uncertain."""
         rows = np.array([row for row, _ in found])
         means = np.array([rest.mean_mm for _, rest in found])
+        shares = np.array([[1 / rest.readings] for _, rest in found])
+        rests_mm2 = np.array([rest.excess_mm2 for _, rest in found])
         there, place = ~np.isnan(self.mean_mm[rows]), np.cumsum(self.uncertain)[rows] - 1
         noise_mm2 = 0.0 if self.noise_mm is None else self.noise_mm**2
-        white_mm2 = (np.where(there, self.relative_variance[rows], 0.0) * noise_mm2).sum(axis=1)
-        present_mm2 = white_mm2 + np.trace(self.excess_mm2[place], axis1=1, axis2=2)
-        better = np.array([rest.variance_mm2 for _, rest in found]) < present_mm2
+
+        shares_more = np.where(np.isnan(means), 0.0, shares) - np.where(there, self.relative_variance[rows], 0.0)
+        excesses_more_mm2 = np.trace(rests_mm2 - self.excess_mm2[place], axis1=1, axis2=2)
+        better = (shares_more * noise_mm2).sum(axis=1) + excesses_more_mm2 < 0
         better &= ~(np.isnan(means) & there).any(axis=1)
         if not better.any():
             return self
         mean_mm, variance, excess_mm2 = self.mean_mm.copy(), self.relative_variance.copy(), self.excess_mm2.copy()
-        rows, there, shares = rows[better], there[better], np.array([[1 / rest.readings] for _, rest in found])
+        rows, there = rows[better], there[better]
         mean_mm[rows] = np.where(there, means[better], mean_mm[rows])
         variance[rows] = np.where(there, shares[better], variance[rows])
-        excess_mm2[place[better]] = np.array([rest.excess_mm2 for _, rest in found])[better]
+        excess_mm2[place[better]] = rests_mm2[better]
         is_found = self.found.copy()
         is_found[rows] = np.array([rest.is_rest for _, rest in found])[better]
         return replace(self, mean_mm=mean_mm, relative_variance=variance, excess_mm2=excess_mm2, found=is_found)

@@ -338,9 +338,7 @@ class Ringing:
         unseen = self._unseen_part(former.rows) ** 2 * swing + SHAPE**2 * load
         excess_mm2 = np.diag(self._unit_mm**2 * (self._block + unseen))
         mean_mm = mean * self._unit_mm
-        readings = rows * self._block
-        variance_mm2 = float(np.trace(excess_mm2) + (self._noise_mm**2).sum() / readings)
-        return now._replace(found=Found(mean_mm, readings, excess_mm2, variance_mm2, is_rest=False))
+        return now._replace(found=Found(mean_mm, rows * self._block, excess_mm2, is_rest=False))
 
     def _unseen_part(self, rows: int) -> float:
         """Return the swing that so many rows do not show, over that which they show."""
@@ -385,7 +383,6 @@ class Ringing:
         readings = of.rows * self._block
         unseen_mm2 = unseen**2 * of.swing * self._unit_mm**2
         covariance.flat[:: len(there) + 1] += there * (unseen_mm2 - self._noise_mm**2 / readings)
-        white_mm2 = float(there @ self._noise_mm**2) / readings
         mean_mm = np.full(len(there), np.nan)
         mean_mm[there] = of.constant * self._unit_mm[there]
-        return Found(mean_mm, readings, covariance, float(np.trace(covariance)) + white_mm2)
+        return Found(mean_mm, readings, covariance)
