@@ -1,5 +1,7 @@
 """`make mutants` changes what someone could have written, and tries the tests that run it."""
 
+import asyncio
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +12,7 @@ from coverage import CoverageData
 from faults.copies import ROOT
 from mutants.covering import Covering
 from mutants.equivalents import listed
+from mutants.forking import LONGEST_OUTPUT, Runner
 from mutants.positions import CallRemover, operators, positions_in, sample
 
 CODE = '''"""Doubles."""
@@ -127,6 +130,63 @@ def test_mutants_are_caught_by_tests_that_run_them_and_counted_by_folder(tmp_pat
     caught = done.stdout.count("\ncaught: common/beamtouch_common/digits.py:")
     assert caught >= 1, done.stdout
     assert f"| common | 4 | 0 | {caught} | {25 * caught} % " in done.stdout
+
+
+TESTS = """
+import os
+import time
+from signal import SIGKILL
+
+import doubles
+
+
+def test_two() -> None:
+    assert doubles.HALF == 2
+
+
+def test_endless(capfd) -> None:
+    with capfd.disabled():
+        for _ in range(40):
+            os.write(1, b"\\xff" * 2**20)
+    assert doubles.HALF == 3
+
+
+def test_stuck() -> None:
+    time.sleep(900)
+
+
+def test_fatal() -> None:
+    os.kill(os.getppid(), SIGKILL)
+    time.sleep(900)
+"""
+
+
+@pytest.mark.soak
+def test_forked_tests_see_the_code_as_it_is_then_and_whatever_they_do_the_next_ones_run(tmp_path: Path) -> None:
+    (tmp_path / "test_doubles.py").write_text(TESTS)
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+
+    async def run() -> None:
+        runner = Runner(tmp_path)
+
+        async def code_of(test: str, half: int = 2, timeout_s: float = 300.0) -> int:
+            (tmp_path / "doubles.py").write_text(f"HALF = {half}\n")
+            outcome = await runner.run([f"test_doubles.py::{test}"], timeout_s)
+            assert len(outcome.output) <= LONGEST_OUTPUT
+            assert (f"FAILED test_doubles.py::{test} " in outcome.output) is (outcome.code == 1), outcome.output
+            return outcome.code
+
+        try:
+            assert await code_of("test_two") == 0
+            assert await code_of("test_two", half=30) == 1
+            assert await code_of("test_endless") == 1
+            assert await code_of("test_stuck", timeout_s=5.0) == -signal.SIGKILL
+            assert await code_of("test_fatal") == -signal.SIGKILL
+            assert await code_of("test_two") == 0
+        finally:
+            await runner.close()
+
+    asyncio.run(run())
 
 
 def test_the_list_of_equivalent_mutants_fits_the_tree() -> None:

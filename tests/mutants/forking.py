@@ -35,7 +35,10 @@ ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_
 IMPORTED_EARLY = ("-W", "ignore::pytest.PytestAssertRewriteWarning")
 """Libraries that are plugins of pytest, too, are imported before it can rewrite their assertions."""
 PAUSE_S = 0.02
-LONGEST_ANSWER = 2**26
+LONGEST_OUTPUT = 2**20
+"""Bytes at the end of what tests print, which have the test that failed; a mutant that loops may print without end."""
+LONGEST_ANSWER = 2**23
+"""Bytes of an answer in JSON, in which a byte of the output may take six."""
 
 
 class Runner:
@@ -51,7 +54,7 @@ class Runner:
             subprocess.run(words, cwd=copy, env=writing, check=False, stdout=quiet, stderr=quiet)
 
     async def run(self, arguments: Sequence[str], timeout_s: float) -> Outcome:
-        """Run tests; nothing that they start is left."""
+        """Run tests; nothing that they start is left. A mutant whose tests end this process too was seen."""
         if self._process is None:
             self._process = await asyncio.create_subprocess_exec(
                 *(sys.executable, __file__),
@@ -65,7 +68,12 @@ class Runner:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(json.dumps([list(arguments), timeout_s]).encode() + b"\n")
-        return Outcome(**json.loads(await self._process.stdout.readline()))
+        answer = await self._process.stdout.readline()
+        if not answer:
+            await self._process.wait()
+            self._process = None  # the next tests get another one
+            return Outcome(-signal.SIGKILL, "", 0.0)
+        return Outcome(**json.loads(answer))
 
     async def close(self) -> None:
         """End the process with what it runs."""
@@ -88,15 +96,18 @@ def main() -> None:
 def run_forked(arguments: Sequence[str], timeout_s: float) -> dict[str, Any]:
     """Run pytest in a forked process in a session of its own, and return what makes an `Outcome`."""
     begin_s = time.monotonic()
-    with tempfile.TemporaryFile("w+") as output:
+    with tempfile.TemporaryFile() as output:
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])  # it comes before both are ready, or after that
         child = os.fork()
         if not child:
             os.setsid()
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
             for stream, number in ((Path(os.devnull).open(), 0), (output, 1), (output, 2)):  # noqa: SIM115
                 os.dup2(stream.fileno(), number)
             _be_pytest(arguments)
         signal.signal(signal.SIGTERM, partial(_end, child))
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
         code = None
         while code is None and time.monotonic() < begin_s + timeout_s:
             time.sleep(PAUSE_S)
@@ -106,11 +117,15 @@ def run_forked(arguments: Sequence[str], timeout_s: float) -> dict[str, Any]:
         if code is None:
             os.waitpid(child, 0)
             code = -signal.SIGKILL
-        output.seek(0)
-        return {"code": code, "output": output.read(), "seconds": time.monotonic() - begin_s}
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        output.seek(max(0, output.seek(0, os.SEEK_END) - LONGEST_OUTPUT))
+        text = output.read().decode(errors="replace")
+        return {"code": code, "output": text, "seconds": time.monotonic() - begin_s}
 
 
 def _end(child: int, *_: object) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(child, signal.SIGKILL)  # which may have no session of its own yet
     end_session(child)
     os._exit(128 + signal.SIGTERM)
 
