@@ -14,19 +14,15 @@ from beamtouch_models.design.accuracy.cramer_rao import (
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime.error_model import Errors
+from models.bar_on_scales import LENGTH_MM, scales
 
-LENGTH_MM, NOISE_MM = 130.0, 0.004
+NOISE_MM = 0.004
 PLACE_MM, LOAD_N = np.array([[13.0], [52.0], [104.0]]), np.array([3.0, 7.0, 16.0])
 SHARE = PLACE_MM[:, 0] / LENGTH_MM
 FREE_MM = LENGTH_MM * NOISE_MM / LOAD_N * np.hypot(SHARE, 1 - SHARE)
 """Deviation of l d2 / (d1 + d2) where the force is open."""
 EXACT_MM = LENGTH_MM * NOISE_MM / LOAD_N / 2**0.5
 """That of l/2 (1 + (d2 - d1) / F)."""
-
-
-def scales(place_mm: Floats) -> Floats:
-    share = place_mm / LENGTH_MM
-    return np.concatenate([1 - share, share], axis=-1)
 
 
 def bar(force_n: tuple[float, float], errors: Errors = Errors(NOISE_MM)) -> Prior:  # noqa: B008 - a constant

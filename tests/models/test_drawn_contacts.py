@@ -28,14 +28,7 @@ from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.effort import Effort
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime.error_model import Errors
-
-LENGTH_MM = 130.0
-
-
-def scales(place_mm: Floats) -> Floats:
-    """A bar on two springs of 1 N/mm."""
-    share = place_mm / LENGTH_MM
-    return np.concatenate([1 - share, share], axis=-1)
+from models.bar_on_scales import LENGTH_MM, scales
 
 
 def steep(place_mm: Floats) -> Floats:

@@ -3,24 +3,15 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.arrays import Floats
 from beamtouch_models.places import grid_of
 from beamtouch_models.runtime import BestSample, Health
 from beamtouch_models.runtime.metadata import Metadata
 from beamtouch_models.runtime.metadata_parts import Channel, Influence, Ranges
+from models.sprung_plate import SIZE_MM, sunk_mm
 from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
-SIZE_MM = np.array([400.0, 300.0])
-SPRING_N_PER_MM = 15.0
 CORNERS_MM = [(10.0, 10.0), (10.0, 290.0), (390.0, 10.0), (390.0, 290.0)]
 NOISE_MM, CONTACTS = 0.001, 300
-
-
-def sunk_mm(sensor_mm: Floats, load_mm: Floats) -> Floats:
-    """A rigid plate on four equal springs at its corners sinks and tilts in two directions, by statics."""
-    sensor, load = (2 * place / SIZE_MM - 1 for place in (sensor_mm, load_mm))
-    sunk: Floats = (1 + load @ sensor.T) / (4 * SPRING_N_PER_MM)
-    return sunk
 
 
 def metadata_of(sensors_mm: list[tuple[float, float]]) -> Metadata:

@@ -22,6 +22,7 @@ from beamtouch_models.design.placement.narrow_posterior import NarrowPosteriors
 from beamtouch_models.places import grid_of, on_axis
 from beamtouch_models.runtime.error_model import Errors
 from models.loaded_string import STRING, string_mm
+from models.sprung_plate import SIZE_MM, SPRING_N_PER_MM, sunk_mm
 
 EDGES_MM = np.array([10.0, 13.0, 20.0, 22.0, 37.0, 45.0])
 ACROSS_MM = np.array([-4.0, 1.0, 3.0, 12.0])
@@ -201,16 +202,6 @@ def test_a_narrow_posterior_is_as_wide_as_the_inverse_of_its_information(force_p
 def test_a_place_of_which_readings_tell_nothing_is_infinitely_wide() -> None:
     nothing = NarrowPosteriors(np.zeros((1, 4, 2)), np.ones((1, 4)), np.inf)
     assert np.isinf(nothing.distances_mm(slice(None), LAYOUT, np.ones((1, 3)))).all()
-
-
-SIZE_MM, SPRING_N_PER_MM = np.array([400.0, 300.0]), 15.0
-
-
-def sunk_mm(sensor_mm: Floats, load_mm: Floats) -> Floats:
-    """A rigid plate on four equal springs at its corners sinks and tilts in two directions."""
-    sensor, load = (2 * place / SIZE_MM - 1 for place in (sensor_mm, load_mm))
-    sunk: Floats = (1 + load @ sensor.T) / (4 * SPRING_N_PER_MM)
-    return sunk
 
 
 @pytest.mark.parametrize(("force_n", "told"), [((2.0, 20.0), 0.0), ((7.0, 7.0), np.inf)])

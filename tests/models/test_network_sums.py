@@ -171,8 +171,8 @@ def test_training_learns_the_node_of_a_contact() -> None:
     assert network.largest_mm == PRIOR.largest_mm
 
 
-def doubling() -> onnx.ModelProto:
-    """Return a model of three channels that answers with their sum as position, and with intervals of the force."""
+def adding() -> onnx.ModelProto:
+    """Return a model of three channels that answers with their sum as force, and with an interval of it."""
     graph = Graph()
     graph.apply("ReduceSum", "deflection_mm", graph.ints(1), keepdims=0, output="force_n")
     graph.apply("Sub", "force_n", graph.constant(0.3), output="force_low_n")
@@ -193,20 +193,20 @@ def answered(made: onnx.ModelProto) -> dict[str, Floats]:
 def test_offsets_are_taken_off_and_the_curve_straightened_before_a_graph(
     offset_mm: list[float], curve_per_mm: float
 ) -> None:
-    made = with_linear_input(doubling(), np.array(offset_mm), curve_per_mm)
+    made = with_linear_input(adding(), np.array(offset_mm), curve_per_mm)
     left = DEFLECTION_MM - offset_mm
     assert answered(made)["force_n"] == pytest.approx((left + curve_per_mm * left**2).sum(axis=1), rel=1e-6)
     assert (len(made.graph.node) == 3) is (offset_mm == [0.0] * 3 and not curve_per_mm)
 
 
 def test_an_error_of_all_forces_widens_their_intervals_as_independent_errors_do() -> None:
-    plain, wide = answered(doubling()), answered(with_force_error(doubling(), 0.05))
+    plain, wide = answered(adding()), answered(with_force_error(adding(), 0.05))
     force = plain["force_n"]
     assert wide["force_n"] == pytest.approx(force)
     added = 1.959964 * 0.05 * force
     assert force - wide["force_low_n"] == pytest.approx(np.hypot(0.3, added), rel=1e-5)
     assert wide["force_high_n"] - force == pytest.approx(np.hypot(0.4, added), rel=1e-5)
-    unchanged = doubling()
+    unchanged = adding()
     assert with_force_error(unchanged, 0.0) is unchanged
     paper = paper_graph(paper_of(1))
     assert with_force_error(paper, 0.05) is paper

@@ -14,7 +14,8 @@ from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.places import grid_of
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.session import Answers, runner, stated_mm
-from models.test_two_axes import CORNERS_MM, SIZE_MM, SPRING_N_PER_MM, influence_of, sunk_mm
+from models.sprung_plate import SIZE_MM, SPRING_N_PER_MM, sunk_mm
+from models.test_two_axes import CORNERS_MM, influence_of
 
 AXES = ("x", "y")
 DRAWS, EXACT = 250, 80

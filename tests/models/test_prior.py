@@ -10,17 +10,12 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import MAX_FORCE_RATIO, TAIL, Piece, Prior, forces_of, interval_forces
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime.error_model import Errors
+from models.bar_on_scales import LENGTH_MM, three_scales
 
-LENGTH_MM = 130.0
 LOADINGS = np.array([[0.8, 0.3], [0.5, -0.4], [-0.6, 0.7]])
 PLACE_MM, FORCE_N = np.array([[26.0], [91.0]]), np.array([3.0, 16.0])
 CLEAN_MM = np.array([[2.4, 0.6, 0.6], [4.8, 11.2, 4.8]])
 MOVED_MM2 = np.array([[0.09, 0.18, 0.27], [2.56, 5.12, 7.68]])
-
-
-def influence(place_mm: Floats) -> Floats:
-    share = place_mm / LENGTH_MM
-    return np.concatenate([1 - share, share, np.minimum(share, 1 - share)], axis=-1)
 
 
 def variance(place_mm: Floats) -> Floats:
@@ -29,7 +24,7 @@ def variance(place_mm: Floats) -> Floats:
 
 def prior(**fields: object) -> Prior:
     errors = Errors(0.05, gain=np.array([0.01, 0.02, 0.03]), zero_mm=0.12)
-    made = Prior(Extent.of_beam((13.0, 117.0)), LENGTH_MM, (2.0, 20.0), errors, 3, influence)
+    made = Prior(Extent.of_beam((13.0, 117.0)), LENGTH_MM, (2.0, 20.0), errors, 3, three_scales)
     return dataclasses.replace(made, **fields)  # type: ignore[arg-type]
 
 
@@ -154,7 +149,7 @@ def test_influence_comes_from_a_table_where_the_noise_hides_what_that_is_off_by(
     """The largest deflection here is 20 N times 0.9 mm/N."""
     kink_mm = np.array([[LENGTH_MM / 2 + 1e-3]])
     assert prior().largest_mm == pytest.approx(18.0)
-    exact, tabled = influence(kink_mm), prior().influence_table(kink_mm)
+    exact, tabled = three_scales(kink_mm), prior().influence_table(kink_mm)
     assert exact[0, 2] != pytest.approx(tabled[0, 2], rel=1e-6)
     fine, coarse = prior().at_noise(2.9e-4 * 18), prior().at_noise(3.1e-4 * 18)
     assert fine.influence_within_noise(kink_mm).tolist() == exact.tolist()

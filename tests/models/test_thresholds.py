@@ -29,6 +29,7 @@ from beamtouch_models.design.accuracy.thresholds import (
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.metadata_parts import FilterChoice
+from models.bar_on_scales import LENGTH_MM, three_scales
 
 DAY_S = 86_400
 
@@ -141,17 +142,11 @@ def test_readings_that_are_alike_are_those_of_the_window_or_of_a_growing_mean() 
     assert [growing(4, 200), growing(4, 9), growing(40, 200)] == [24, 9, 40]
 
 
-LENGTH_MM, NOISE_MM = 130.0, 0.01
-
-
-def scales(place_mm: Floats) -> Floats:
-    """A bar on two springs of 1 N/mm; what a third sensor beside it sees grows as x up to its middle."""
-    share = place_mm / LENGTH_MM
-    return np.concatenate([1 - share, share, np.minimum(share, 1 - share)], axis=-1)
+NOISE_MM = 0.01
 
 
 def bar(errors: Errors, force_n: tuple[float, float] = (0.01, 0.2)) -> Prior:
-    return Prior(Extent.of_beam((0.0, LENGTH_MM)), LENGTH_MM, force_n, errors, 3, scales)
+    return Prior(Extent.of_beam((0.0, LENGTH_MM)), LENGTH_MM, force_n, errors, 3, three_scales)
 
 
 def test_the_touch_of_some_channels_is_that_of_their_worst_neighbours() -> None:

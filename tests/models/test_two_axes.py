@@ -24,19 +24,11 @@ from beamtouch_models.places import grid_of
 from beamtouch_models.runtime.curve import Curve
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.force_range import ANY_FORCE, ForceRange
+from models.sprung_plate import SIZE_MM, SPRING_N_PER_MM, sunk_mm
 
-SIZE_MM = np.array([400.0, 300.0])
-SPRING_N_PER_MM = 15.0
 CORNERS_MM = np.array([[10.0, 10.0], [10.0, 290.0], [390.0, 10.0], [390.0, 290.0]])
 TICKS_MM = [np.linspace(10, 390, 39), np.linspace(10, 290, 29)]
 FREE = np.array([], dtype=np.intp)
-
-
-def sunk_mm(sensor_mm: Floats, load_mm: Floats) -> Floats:
-    """A rigid plate on four equal springs at its corners sinks and tilts in two directions."""
-    sensor, load = (2 * place / SIZE_MM - 1 for place in (sensor_mm, load_mm))
-    sunk: Floats = (1 + load @ sensor.T) / (4 * SPRING_N_PER_MM)
-    return sunk
 
 
 def bent_mm(sensor_mm: Floats, load_mm: Floats) -> Floats:
