@@ -181,7 +181,7 @@ class Ads1115Chips:
                 return max(0, struct.unpack(">h", self._word)[0])  # noise around 0 V is negative
             if is_late:
                 raise OSError("it does not finish")
-            # Whoever was held up, by an interrupt or by other programs, asks once more.
+            # Ask once more: an interrupt or another program may have taken the time.
             is_late = time.ticks_diff(time.ticks_us(), begin_us) >= CONVERSION_TIMEOUT_US
 
 
