@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.design.sweeps import Progress
 from beamtouch_models.lab.reproduction import figure_8 as eighth
 from beamtouch_models.lab.reproduction import figures
 from beamtouch_models.lab.reproduction.figure_8 import NOISES_PERCENT, figure_8, measure
@@ -205,7 +206,12 @@ FILES = [
 def test_the_command_writes_the_folder_and_the_same_seed_gives_the_same_files(
     quick: partial[Reproduction], design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("beamtouch_models.commands.reproduce.reproduce", quick)
+    steps = list[tuple[str, float]]()
+
+    def watched(seed: int, _progress: Progress) -> Reproduction:
+        return quick(seed, lambda doing, done: steps.append((doing, done)))
+
+    monkeypatch.setattr("beamtouch_models.commands.reproduce.reproduce", watched)
     first, second = tmp_path / "new" / "paper", tmp_path / "again"
     told = design_sensors_here("reproduce", "-o", first, "--seed", 3)
     printed = json.loads(design_sensors_here("reproduce", "-o", second, "--seed", 3, "--json").stdout)
@@ -218,6 +224,10 @@ def test_the_command_writes_the_folder_and_the_same_seed_gives_the_same_files(
             assert Tags(text).of("polyline")
             assert "nan" not in text.lower()
             assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+    steps = steps[: len(steps) // 2]  # of the first
+    assert steps == sorted(steps, key=lambda step: step[1])
+    assert [steps[0], steps[-1][0]] == [("figures 2 to 4", 0.0), "training the paper's networks"]
+    assert 0.9 < steps[-1][1] <= 1.0
     results = json.loads((first / "results.json").read_text())
     assert sorted(results["figures"]) == list("2345678")
     assert all(row["why"] for row in results["rows"] if row["verdict"] == "differs")

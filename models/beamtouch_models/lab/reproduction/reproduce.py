@@ -92,5 +92,4 @@ def reproduce(seed: int, progress: Progress, *, networks: int = NETWORKS, max_ep
         max_epochs=max_epochs,
         progress=lambda done: progress("training the paper's networks", 0.15 + 0.8 * done),
     )
-    progress("done", 1.0)
     return Reproduction(seed, (*first, *search, seventh, figure_8(measured)), misprints())
