@@ -54,6 +54,9 @@ def test_the_page_is_complete_described_for_screen_readers_and_makes_no_requests
     assert not {"script", "link", "img", "iframe", "object"} & {tag for tag, _ in tags.found}
     assert not re.search(r"https?:|//\w|@import|url\(", text)
     assert not [value for _, attributes in tags.found for name, value in attributes.items() if name in {"src", "href"}]
+    numbers = re.findall(r">component (-?\d+)<", text)
+    assert numbers == [str(number) for number in range(1, len(numbers) + 1)]
+    assert len(numbers) >= 3
     assert "prefers-color-scheme: dark" in text
     assert "@media print" in text
     assert not re.search(r"\b(nan|inf|None)\b", " ".join(tags.text))

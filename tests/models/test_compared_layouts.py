@@ -49,6 +49,9 @@ def test_sensors_that_move_are_told_from_where_to_where() -> None:
     mounted = Mounted(Path("skin.onnx"), (30.0, 120.0, 260.0))
     assert mounted.moves_to((260.0, 30.0, 120.0)) == ""
     assert mounted.moves_to((30.0, 125.0, 260.0)) == "sensors are not where skin.onnx had them: 120 -> 125 mm"
+    assert mounted.moves_to((24.0, 120.0, 266.0)) == (
+        "sensors are not where skin.onnx had them: 30 -> 24, 260 -> 266 mm"
+    )
     assert mounted.moves_to((30.0, 125.0)) == (
         "sensors are not where skin.onnx had them: 30, 120, 260 mm; now 30, 125 mm"
     )
