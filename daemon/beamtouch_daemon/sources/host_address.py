@@ -39,8 +39,7 @@ class HostAddress:
                 f"{self._host} does not resolve (the name server does not answer); {advice}"
             ) from None
         except gaierror as error:
-            reason = error.strerror or "no such name"
-            raise UnknownHostError(f"{self._host} does not resolve ({reason}); {advice}") from None
+            raise UnknownHostError(f"{self._host} does not resolve ({error.strerror}); {advice}") from None
         finally:
             self._lookup = None if lookup.done() else lookup
         return str(address[0])
