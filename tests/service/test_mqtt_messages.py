@@ -1,14 +1,17 @@
-"""Properties of the messages to a broker."""
+"""Properties of the messages to a broker, and what those that it keeps say of other services."""
 
+import asyncio
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from beamtouch_service.access import Access
+from beamtouch_service.outputs.mqtt.connection import Connection
 from beamtouch_service.outputs.mqtt.contacts import ContactSender
 from beamtouch_service.outputs.mqtt.failures import BrokerError
-from beamtouch_service.outputs.mqtt.messages import JSON, Topics, properties
+from beamtouch_service.outputs.mqtt.leftovers import Leftovers
+from beamtouch_service.outputs.mqtt.messages import JSON, Kept, Topics, properties
 from beamtouch_service.outputs.mqtt.publisher import make
 from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.surfaces.pace import Pace
@@ -76,3 +79,31 @@ async def test_a_contact_that_became_too_old_while_the_broker_did_not_answer_is_
     with suppress(BrokerError):
         await sender._confirm(broker, watch)  # type: ignore[arg-type]
     assert counts.registry.get_sample_value("beamtouch_mqtt_contacts_dropped_total") == dropped
+
+
+@pytest.mark.parametrize(
+    ("owner", "text", "is_new", "is_told"),
+    [
+        ("two", b"online", True, True),
+        ("two", b"online", False, True),  # it was connected before
+        ("two", b"offline", True, True),
+        ("two", b"offline", False, False),  # it is gone: perhaps this service, under its former client_id
+        ("two", b"", True, False),
+        ("one", b"online", True, False),
+        (None, b"online", True, False),
+    ],
+)
+def test_another_service_that_writes_to_the_same_topic_now_is_told_once(
+    caplog: pytest.LogCaptureFixture, owner: str | None, text: bytes, is_new: bool, is_told: bool
+) -> None:
+    topics = Topics("hall")
+
+    async def settle() -> None:
+        connection = Connection(MqttSection(host="broker", prefix="hall", client_id="one"), None, None)
+        leftovers = Leftovers(topics, ["press-7"], {}, "broker:1883")
+        for _ in range(2):
+            await leftovers._settle(connection, Kept(topics.status, text, owner, is_new))
+
+    asyncio.run(settle())
+    words = "MQTT broker broker:1883: another service (two) writes to hall/status, too; give each service a prefix of"
+    assert [line.startswith(words) for line in caplog.messages] == [True] * is_told
