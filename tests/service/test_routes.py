@@ -335,6 +335,13 @@ def description(bench: Bench) -> dict[str, Any]:
     return content
 
 
+def test_the_description_says_that_a_batch_of_samples_is_required(description: dict[str, Any]) -> None:
+    body = description["paths"]["/surfaces/{name}/samples"]["post"]["requestBody"]
+    batch = {"application/json": {"schema": {"$ref": "#/components/schemas/Batch"}}}
+    assert body == {"required": True, "content": batch}
+    assert "samples" in description["components"]["schemas"]["Batch"]["required"]
+
+
 def test_the_description_describes_every_operation_and_its_problems(description: dict[str, Any]) -> None:
     operations = [one for each in description["paths"].values() for one in each.values()]
     for operation in operations:
