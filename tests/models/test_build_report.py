@@ -153,6 +153,9 @@ def test_errors_and_intervals_along_the_beam_add_up_to_the_means(facts: Facts, w
         (profile.limit_mm, accuracy.limit_percent, accuracy.limit_standard_error),
     ):
         assert abs(curve.mean() / facts.model.metadata.length_mm * 100 - percent) < 5 * error
+    (edges,) = profile.edges_mm
+    assert profile.position_mm - edges[:-1] == pytest.approx(edges[1:] - profile.position_mm)
+    assert len(profile.position_mm) == len(profile.model_mm)
     (held,) = profile.whole.held
     assert held.value == pytest.approx(0.95, abs=0.01)
     assert profile.whole.error_mm.value == pytest.approx(profile.model_mm.mean(), rel=0.1)
