@@ -233,3 +233,9 @@ def test_at_rest_a_mean_is_seldom_cut_or_lags_and_hardly_ever_by_the_noise_of_it
     traces = np.concatenate([np.trace(one.covariance_mm2[LONGEST:], axis1=1, axis2=2) for one in filtered])
     moves = np.concatenate([one.moves[LONGEST:] for one in filtered])
     assert (traces[~moves] > 1.5 * CHANNELS / fewest).mean() < 0.002
+
+
+def test_readings_of_unknown_noise_are_averaged_since_they_last_changed() -> None:
+    values = np.repeat([0.0, 1.0], [50, 5])[:, np.newaxis]
+    filtered = Chain(Mean("growing-mean", 4, 200), 1).apply(values)
+    assert filtered.mean_mm[[49, -1], 0].tolist() == [0.0, 1.0]
