@@ -150,6 +150,11 @@ OF_BEAMS: dict[str, tuple[Tables, Tables, str]] = {
         sensors(fixed_mm=[200, 401]),
         "sensors.fixed_mm reaches beyond the beam, 0..400 mm",
     ),
+    "segments that end early": (
+        {},
+        beam(segments=[{"to_mm": 150}, {"to_mm": 350}]),
+        "beam: segments end at 350 mm, the beam at 400 mm; they must cover it exactly",
+    ),
     "sensors before the beam": (
         {},
         sensors(fixed_mm=[-0.4, 200]),
