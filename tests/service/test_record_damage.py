@@ -113,6 +113,7 @@ def test_a_row_that_cannot_be_read_is_said_like_any_damage(
         ("samples", "'abc'"),
         ("place", "'{\"position\":[1]}'"),
         ("place", "'5'"),
+        ("place", '\'{"position":["1",1,1,1,1,1]}\''),
         ("zones", "'[]'"),
         ("zones", "'{'"),
         ("end", "'lost'"),
