@@ -122,7 +122,7 @@ def test_quick_tests_of_a_line_come_first_and_all_tests_of_the_file_for_a_consta
 @pytest.mark.soak
 def test_mutants_are_caught_by_tests_that_run_them_and_counted_by_folder(tmp_path: Path) -> None:
     words = ["common/beamtouch_common/digits.py", "--count", "4", "--jobs", "1", "--kept", str(tmp_path)]
-    tests = ["--tests", "tests/common/test_text.py"]
+    tests = ["--tests", "tests/common/test_text.py", "tests/common/test_words.py"]
     command = [sys.executable, "tests/mutants", *words, *tests]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
