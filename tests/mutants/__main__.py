@@ -1,8 +1,8 @@
 """`make mutants`: mutates the packages at random places, and says which mutants the tests see.
 
 A sample is drawn with a seed from all positions where cosmic-ray can change the code. For each, the tests that run its
-line are tried, those that are quick and narrow first, some 60 seconds of them; a mutant that only the rest of the suite
-would see counts as not caught. Mutants that change nothing anyone could see are listed with the reason in
+line are tried, those that are quick and narrow first, some two minutes of them; a mutant that only the rest of the
+suite would see counts as not caught. Mutants that change nothing anyone could see are listed with the reason in
 `equivalent/` and count neither way. Which tests run a line is measured first, if packages or tests have changed.
 Returns 130 if it is interrupted; no process of a test outlives it.
 """
@@ -31,8 +31,8 @@ from mutants.forking import Runner
 from mutants.positions import Mutant, sample
 
 KEPT = ROOT / "build" / "mutants"
-TESTS_S = 60.0
-"""How long the tests of a mutant take together without it."""
+TESTS_S = 120.0
+"""How long the tests of a mutant take together without it, as measured with coverage."""
 FIRST = 8
 """How many are tried before the others, as most mutants are seen at once."""
 TEST_TIMEOUT_S = 120
@@ -59,7 +59,7 @@ def main() -> int:
     parser.add_argument("words", nargs="*", help="only files whose path has one of these words")
     parser.add_argument("--count", type=int, default=400, help="size of the sample (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the sample (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="mutants that are tried at once")
+    parser.add_argument("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="mutants that are tried at once")
     parser.add_argument("--tests", nargs="+", default=(), metavar="TEST", help="measure and try only these tests")
     parser.add_argument("--kept", type=Path, default=KEPT, metavar="FOLDER", help="folder of what was measured")
     parser.add_argument("--as-it-was", action="store_true", help="use what was measured although something has changed")
