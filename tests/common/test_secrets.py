@@ -18,6 +18,7 @@ Read = Callable[[Path], str]
         (read_token, b"\xef\xbb\xbfsixteen-chars-16\r\n", "sixteen-chars-16"),
         (read_password, "p\u00e4ss word\r\n".encode(), "p\u00e4ss word"),  # spaces belong to a password
         (read_password, "p\u00e4ss word\r\n".encode("utf-8-sig"), "p\u00e4ss word"),
+        (read_password, b"  p word \n", "  p word "),
         (read_password, b"x" * 4096, "x" * 4096),
         (read_password, b"x", "x"),
         (read_token, b"x" * 4096, "x" * 4096),
@@ -25,7 +26,7 @@ Read = Callable[[Path], str]
         (read_token, b"!" * 8 + b"~" * 8, "!" * 8 + "~" * 8),
     ],
 )
-def test_white_space_at_the_ends_is_no_part_of_a_secret(
+def test_white_space_at_the_ends_is_no_part_of_a_token_and_of_a_password_only_its_line_end_is_none(
     tmp_path: Path, read: Read, content: bytes, secret: str
 ) -> None:
     (tmp_path / "secret").write_bytes(content)
