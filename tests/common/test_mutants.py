@@ -105,6 +105,9 @@ def test_quick_tests_of_a_line_come_first_and_all_tests_of_the_file_for_a_consta
         f'<testcase classname="tests.test_doubles" name="{name}" time="{seconds}"/>'
         for name, seconds in (("quick", 0.1), ("slow", 5), ("other", 0.2))
     )
+    cases += '<testcase classname="tests.test_halves" name="reads" time="0.3"/>'
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "test_halves.py").write_text("from beamtouch_common.doubles import HALF\n")
     fails = '<testcase classname="tests.test_doubles" name="fails" time="0.1"><failure/></testcase>'
     (tmp_path / "times.xml").write_text(f"<testsuite>{cases}{fails}</testsuite>")
     covering = Covering(tmp_path, tmp_path)
@@ -114,7 +117,7 @@ def test_quick_tests_of_a_line_come_first_and_all_tests_of_the_file_for_a_consta
 
     assert names(9, 9) == ["quick", "slow"]
     assert names(7, 7) == ["other"]
-    assert names(2, 2) == ["quick", "other", "slow"]
+    assert names(2, 2) == ["reads", "quick", "other", "slow"]
     assert names(9, 9, at_most_s=1.0) == ["quick"]
     assert covering.tests_of("common/beamtouch_common/unknown.py", 1, 1, 60.0) == []
 

@@ -72,26 +72,46 @@ class Covering:
     def tests_of(self, file: str, first: int, last: int, at_most_s: float) -> list[str]:
         """Return the tests of lines of a file, what is quick and narrow first, as many as take `at_most_s` together.
 
-        Lines that run at import, such as constants, have all tests of the file.
+        Lines that run at import, such as constants, have all tests of the file, and those in files that import from it:
+        who reads a constant runs no line of its file.
         """
         lines = self.lines_of(file)
         # A test that is the first to import a file runs its constants; they matter to all tests that use it.
         called = _lines_of_calls((self._root / file).read_text()) if lines else set()
         found = set(chain.from_iterable(lines.get(line, ()) for line in range(first, last + 1) if line in called))
+        readers = list[str]()
         if not found:
             found = set(chain.from_iterable(lines.values()))
+            readers = sorted(self._importing(file), key=lambda test: (self._seconds[test], test))
         ran = defaultdict[str, int](int)
         for tests in lines.values():
             for test in tests:
                 ran[test] += 1
         # A test that runs much of this file is one of its own.
         ranked = sorted(found, key=lambda test: ((self._seconds[test] + 0.1) / (1 + ran[test]) ** 0.5, test))
-        chosen, seconds = list[str](), 0.0
-        for test in _alternating(ranked):
-            if seconds + self._seconds[test] <= at_most_s or not chosen:
-                chosen.append(test)
+        chosen, seconds = dict[str, None](), 0.0
+        # Readers of a constant have half of the time at most.
+        for test, limit_s in chain(
+            ((one, at_most_s / 2) for one in readers), ((one, at_most_s) for one in _alternating(ranked))
+        ):
+            if test not in chosen and (seconds + self._seconds[test] <= limit_s or not chosen):
+                chosen[test] = None
                 seconds += self._seconds[test]
-        return chosen
+        return list(chosen)
+
+    def _importing(self, file: str) -> set[str]:
+        """Return the tests in files that import a file of the packages, or something from it."""
+        _, *module = Path(file.removesuffix("/__init__.py").removesuffix(".py")).parts
+        name = module[-1]
+        whole, above = (re.escape(".".join(parts)) for parts in (module, module[:-1]))
+        imports = re.compile(
+            rf"^ *(from {whole} import|import {whole}\b|from {above} import .*\b{name}\b)", re.MULTILINE
+        )
+        files = {test.partition("::")[0] for test in self._seconds}
+        readers = {
+            one for one in files if (self._root / one).is_file() and imports.search((self._root / one).read_text())
+        }
+        return {test for test in self._seconds if test.partition("::")[0] in readers}
 
 
 def _lines_of_calls(text: str) -> set[int]:
