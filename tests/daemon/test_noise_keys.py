@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,9 +29,9 @@ QUIET = ChannelNoise(
 )
 
 
-def keys(*changes: Mapping[str, object], channel: dict[str, object] | None = None, **surface: object) -> Keys:
+def keys(*changes: Mapping[str, Any], channel: dict[str, object] | None = None, **surface: object) -> Keys:
     """Return the keys for channels that differ in this from a quiet one."""
-    channels = [replace(QUIET, channel=f"s{at}", **change) for at, change in enumerate(changes, 1)]  # type: ignore[arg-type]
+    channels = [replace(QUIET, channel=f"s{at}", **change) for at, change in enumerate(changes, 1)]
     return keys_of(channels, surface_of(len(changes), channel, **surface))
 
 
@@ -151,9 +152,9 @@ def test_a_time_is_stated_where_it_is_half_as_long_again_as_the_noise_says() -> 
     ],
 )
 def test_values_that_repeat_and_noise_that_stays_alike_are_told(
-    change: dict[str, object], is_repeated: bool, is_coloured: bool
+    change: dict[str, Any], is_repeated: bool, is_coloured: bool
 ) -> None:
-    channel = replace(QUIET, **change)  # type: ignore[arg-type]
+    channel = replace(QUIET, **change)
     assert (channel.is_repeated, channel.is_coloured) == (is_repeated, is_coloured)
 
 

@@ -5,6 +5,7 @@ import math
 from collections.abc import AsyncGenerator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,9 +128,9 @@ def test_another_unit_than_mm_is_named_and_several_stand_behind_the_figures() ->
     ],
 )
 def test_what_a_mean_does_not_take_away_is_remarked_on_with_its_size(
-    first: dict[str, object], second: dict[str, object], remarks: list[str]
+    first: dict[str, Any], second: dict[str, Any], remarks: list[str]
 ) -> None:
-    channels = replace(FIRST, **first), replace(SECOND, **second)  # type: ignore[arg-type]
+    channels = replace(FIRST, **first), replace(SECOND, **second)
     lines = report([measurement(*channels)])
     assert [line for line in lines if line.startswith("  ")] == remarks
 

@@ -48,19 +48,19 @@ def refusal(*parts: Tables) -> str:
     return message.removeprefix("the scene: ")
 
 
-def beam(**keys: Any) -> Tables:  # noqa: ANN401  # whatever a TOML value may be
+def beam(**keys: object) -> Tables:
     return {"beam": keys}
 
 
-def sensors(**keys: Any) -> Tables:  # noqa: ANN401
+def sensors(**keys: object) -> Tables:
     return {"sensors": keys}
 
 
-def contact(**keys: Any) -> Tables:  # noqa: ANN401
+def contact(**keys: object) -> Tables:
     return {"contact": keys}
 
 
-def plate(**keys: Any) -> Tables:  # noqa: ANN401
+def plate(**keys: object) -> Tables:
     return {"plate": keys}
 
 

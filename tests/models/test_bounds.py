@@ -17,6 +17,7 @@ from beamtouch_models.runtime.error_model import Errors
 from models.bar_on_scales import LENGTH_MM, scales
 
 NOISE_MM = 0.004
+SENSORS = Errors(NOISE_MM)
 PLACE_MM, LOAD_N = np.array([[13.0], [52.0], [104.0]]), np.array([3.0, 7.0, 16.0])
 SHARE = PLACE_MM[:, 0] / LENGTH_MM
 FREE_MM = LENGTH_MM * NOISE_MM / LOAD_N * np.hypot(SHARE, 1 - SHARE)
@@ -25,7 +26,7 @@ EXACT_MM = LENGTH_MM * NOISE_MM / LOAD_N / 2**0.5
 """That of l/2 (1 + (d2 - d1) / F)."""
 
 
-def bar(force_n: tuple[float, float], errors: Errors = Errors(NOISE_MM)) -> Prior:  # noqa: B008 - a constant
+def bar(force_n: tuple[float, float], errors: Errors = SENSORS) -> Prior:
     return Prior(Extent.of_beam((0.0, LENGTH_MM)), LENGTH_MM, force_n, errors, 2, scales)
 
 
