@@ -3,25 +3,20 @@
 import numpy as np
 import pytest
 
+from beamtouch_models import make_scene
 from beamtouch_models.design.building.build import draw_beam
-from beamtouch_models.design.building.report.beam_drawing import (
-    BEAM_Y,
-    BENT_PX,
-    HEIGHT,
-    MARGIN,
-    SENSOR_HEIGHT,
-    WIDTH,
-    Scale,
-    beam_drawing,
-)
+from beamtouch_models.design.building.report.beam_drawing import Scale, beam_drawing
 from beamtouch_models.design.scene import Scene, change_scene, parse_scene
-from beamtouch_models.runtime.metadata_parts import Channel
+from beamtouch_models.runtime.metadata_parts import BeamDrawing, Channel
 from support.pages.paths import strokes_of
 from support.pages.tags import Tags
 from support.surfaces.example_scenes import PAPER
 from support.surfaces.small_model import model_of
 
 Stroke = list[tuple[float, float]]
+WIDTH, HEIGHT, MARGIN, BEAM_Y, SCALE_Y = 900, 236, 48, 92, 200
+"""As on a drawing on squared paper, in px; the underside of the beam and the ruler from above."""
+SENSOR_HEIGHT, BENT_PX = 24, 24
 PX = (WIDTH - 2 * MARGIN) / 400
 
 
@@ -55,40 +50,32 @@ def assert_ground(strokes: list[Stroke], y: float, middle: float = 0.0, *, down:
     """A level line, about a middle, with four even hatches at 45 degrees below it, from its right end to the left."""
     (left, right), *hatches = strokes
     assert left[1] == right[1] == y
-    assert left[0] + right[0] == pytest.approx(2 * middle)
-    assert len(hatches) == 4
-    starts = [start[0] for start, _ in hatches]
-    assert np.diff(starts) == pytest.approx(np.full(3, starts[1] - starts[0]))
-    assert left[0] < starts[0] < starts[-1] == right[0]
+    assert (left[0] - middle, right[0] - middle) == (-13, 13)
+    assert [start[0] - middle for start, _ in hatches] == [-8, -1, 6, 13]
     for (x, start_y), (end_x, end_y) in hatches:
-        assert (start_y, end_x - x) == (y, -abs(end_y - y))
-        assert (end_y - y) * down > 0
-        assert end_x >= left[0]
+        assert (start_y, end_x - x, end_y - y) == (y, -5, 5 * down)
 
 
 def test_a_pin_is_a_triangle_below_the_beam_on_the_ground() -> None:
     triangle, *ground = symbol('{ at_mm = 0, kind = "simple", slides = false }')
     apex, left, right, closed = triangle
     assert apex == closed == (0, 0)
-    assert left[0] == -right[0] < 0
-    assert left[1] == right[1] > 0
-    assert_ground(ground, left[1])
+    assert (left, right) == ((-9, 16), (9, 16))
+    assert_ground(ground, 16)
 
 
 def test_a_roller_is_a_circle_between_the_beam_and_the_ground() -> None:
     circle, *ground = symbol("{ at_mm = 0 }")
     left, right, closed = circle
     assert left == closed
-    assert left[0] == -right[0] < 0
-    assert left[1] == right[1] == right[0]  # its radius below the beam
-    assert_ground(ground, 2 * right[0])
+    assert (left, right) == ((-8, 8), (8, 8))  # its radius below the beam
+    assert_ground(ground, 16)
 
 
 def test_a_spring_against_turning_is_an_arc_with_an_arrow() -> None:
     arc, head = symbol("{ at_mm = 0, fixity = 0.5 }")[-2:]
     start, end, one_side = arc
-    assert start[0] == -end[0] < 0
-    assert start[1] == end[1] > 0
+    assert (start, end) == ((-14, 2), (14, 2))
     assert head[0] == end
     assert (one_side[0] - end[0], one_side[1] - end[1]) == (4, 4)
     assert head[1][0] < end[0]
@@ -118,13 +105,11 @@ def test_a_clamp_that_can_slide_holds_the_beam_between_rollers(at_mm: float, inw
     top = -round(3 * PX, 1)
     centres = sorted(((left[0] + right[0]) / 2, left[1]) for left, right, _ in circles)
     radius = (circles[0][1][0] - circles[0][0][0]) / 2
-    middle = float(np.mean([x for x, _ in centres]))
-    assert middle * inwards > 0
+    middle = 9.0 * inwards
+    assert radius == 4
     assert all((right[0] - left[0]) / 2 == pytest.approx(radius) for left, right, _ in circles)
     assert sorted({round(y, 1) for _, y in centres}) == pytest.approx([top - radius, radius], abs=0.11)
-    near, far = sorted({round(abs(x), 1) for x, _ in centres})
-    assert 0 < near < far
-    assert middle == pytest.approx(inwards * (near + far) / 2)
+    assert sorted({round(abs(x), 1) for x, _ in centres}) == [3, 15]
     assert_ground(below, 2 * radius, middle)
     assert_ground(above, round(top - 2 * radius, 1), middle, down=-1)
 
@@ -149,7 +134,7 @@ def test_five_arrows_press_on_the_beam_over_the_extent_of_the_contacts() -> None
     left, left_up, right_up, right = bracket[0]
     ends = [round(MARGIN + at * PX, 1) for at in (1, 399)]
     assert ([left[0], left_up[0]], [right[0], right_up[0]]) == ([ends[0]] * 2, [ends[1]] * 2)
-    assert left[1] == right[1] > left_up[1] == right_up[1]
+    assert [y for _, y in bracket[0]] == [38, 32, 32, 38]
     assert [shaft[0][0][0] for shaft in shafts] == pytest.approx(np.linspace(ends[0], ends[1], 5), abs=0.06)
     heads = [strokes_of(path["d"])[0] for path in tags.of("path", "tip")]
     for (shaft,), (one, other, tip, closed) in zip(shafts, heads, strict=True):
@@ -157,12 +142,14 @@ def test_five_arrows_press_on_the_beam_over_the_extent_of_the_contacts() -> None
         assert x == same_x == tip[0] == (one[0] + other[0]) / 2
         assert top == left_up[1]
         assert one == closed
-        assert one[1] == other[1] < bottom < tip[1] < BEAM_Y - 3 * PX
+        assert one[1] == other[1] == 52 < bottom < tip[1] < BEAM_Y - 3 * PX
         assert other[0] - one[0] == tip[1] - one[1]
     (text,) = (each for each in tags.text if each.startswith("contact"))
     assert text == "contact anywhere from 1 to 399 mm, 2 to 20 N"
-    at = [float(each["x"]) for each in tags.of("text")]
-    assert any(abs(x - WIDTH / 2) < 0.06 for x in at)
+    (at,) = (float(each["x"]) for each in tags.of("text") if each["y"] == "20")
+    assert at == pytest.approx(WIDTH / 2, abs=0.06)
+    apart = change_scene(scene_with(""), contact={"position_mm": (20.0, 300.0)})
+    assert float(draw(apart)[0].of("text")[4]["x"]) == pytest.approx(MARGIN + 160 * PX, abs=0.06)
     assert (
         "contact anywhere from 1 to 399 mm, 10 N"
         in draw(scene_with("", force_n="10.0\nforce_tolerance_percent = 0"))[0].text
@@ -173,7 +160,8 @@ def test_a_ruler_has_round_numbers_below_the_drawing() -> None:
     tags, _ = draw(scene_with(""))
     line, *ticks = tags.of("line", "thin")
     assert (float(line["x1"]), float(line["x2"])) == (MARGIN, WIDTH - MARGIN)
-    assert line["y1"] == line["y2"]
+    assert line["y1"] == line["y2"] == str(SCALE_Y)
+    assert {tick["y2"] for tick in ticks} == {str(SCALE_Y + 5)}
     assert [float(tick["x1"]) for tick in ticks] == pytest.approx(MARGIN + PX * np.arange(0, 401, 100), abs=0.06)
     assert all(
         tick["x1"] == tick["x2"] and float(tick["y1"]) == float(line["y1"]) < float(tick["y2"]) for tick in ticks
@@ -207,12 +195,12 @@ def test_sensors_stand_off_the_beam_each_with_a_line_to_its_name() -> None:
         assert float(line["y1"]) == pytest.approx(float(sensor["y"]) + SENSOR_HEIGHT, abs=0.06)
         assert float(line["y1"]) < float(line["y2"]) == float(name["y"]) - 11
         assert float(place["y"]) == float(name["y"]) + 14
-    assert labels[0]["y"] == labels[4]["y"] != labels[2]["y"]
+    assert [labels[name]["y"] for name in (0, 2, 4)] == ["148", "178", "148"]
     small = draw(scene_with("", "size_mm = 1"), 50.0)[0].of("rect", "sensor")[0]
     assert float(small["width"]) == 3.0
 
 
-@pytest.mark.parametrize(("to_mm", "label"), [(226.0, True), (225.0, False)])
+@pytest.mark.parametrize(("to_mm", "label"), [(225.9, True), (225.8, False)])  # 52.06 and 51.86 px
 def test_a_stretch_without_sensors_is_named_where_it_has_room(to_mm: float, label: bool) -> None:
     tags, _ = draw(scene_with("", f"keep_out_mm = [[200, {to_mm}]]"))
     (rect,) = tags.of("rect", "keepout")
@@ -222,8 +210,8 @@ def test_a_stretch_without_sensors_is_named_where_it_has_room(to_mm: float, labe
     assert ("keep out" in tags.text) == label
     if label:
         (text,) = (each for each in tags.of("text") if float(each["y"]) == BEAM_Y + 36)
-        assert float(text["x"]) == pytest.approx(MARGIN + 213 * PX, abs=0.06)
-        assert BEAM_Y + float(rect["height"]) > BEAM_Y + 36
+        assert float(text["x"]) == pytest.approx(MARGIN + 212.95 * PX, abs=0.06)
+        assert rect["height"] == "40.0"
 
 
 @pytest.mark.parametrize(
@@ -270,6 +258,55 @@ def test_a_beam_is_drawn_bent_further_by_a_round_factor(force_n: float, times: f
     assert times == 1 or times * largest_px <= BENT_PX
     larger = "to scale" if times == 1 else f"drawn {times} times larger and behind the sensors"
     assert f"Dashed: bent by {force_n:g} N at 200 mm, {larger}. " in caption
+
+
+def test_the_beam_is_drawn_as_it_bends_most_whichever_way() -> None:
+    metadata = model_of().metadata
+    bends = [[0.0, 0.3, 0.2], [0.0, -0.5, 0.4], [0.1, 0.4, 0.45]]
+    drawn = BeamDrawing(
+        at_mm=[0.0, 150.0, 400.0], load_mm=[80.0, 170.0, 260.0], deflection_mm_per_n=bends, supports=[], sensor_mm=12.0
+    )
+    scene = scene_with("", force_n="2.0\nforce_tolerance_percent = 0")
+    drawing, caption = beam_drawing(scene, metadata.model_copy(update={"drawn": drawn}))
+    (line,) = Tags(drawing).of("polyline", "bent")
+    assert line["stroke-width"] == "1.4"
+    points = [[float(number) for number in pair.split(",")] for pair in line["points"].split()]
+    expected = [(MARGIN, BEAM_Y), (MARGIN + 150 * PX, BEAM_Y - 10 * PX), (WIDTH - MARGIN, BEAM_Y + 8 * PX)]
+    assert np.array(points) == pytest.approx(np.array(expected), abs=0.06)  # 1 mm is 2.01 px, and 20.1 ten times larger
+    assert "Dashed: bent by 2 N at 170 mm, drawn 10 times larger and behind the sensors" in caption
+    still = drawn.model_copy(update={"deflection_mm_per_n": np.zeros((3, 3)).tolist()})
+    drawing, caption = beam_drawing(scene, metadata.model_copy(update={"drawn": still}))
+    assert Tags(drawing).of("polyline", "bent") == []
+    assert "ashed" not in caption
+
+
+def test_a_sensor_close_to_the_beam_keeps_a_gap_that_is_seen() -> None:
+    metadata = model_of().metadata
+    close = metadata.sensor.model_copy(update={"standoff_mm": 0.9})
+    drawing, _ = beam_drawing(scene_with(""), metadata.model_copy(update={"sensor": close}))
+    assert {sensor["y"] for sensor in Tags(drawing).of("rect", "sensor")} == {"94.0"}
+
+
+def test_a_measured_structure_is_a_line_whose_supports_are_not_known() -> None:
+    rows = [f"{at},{0.01 + at * 1e-5:g},{0.02 - at * 1e-5:g}" for at in range(10, 500, 60)]
+    scene = make_scene(
+        measured={"influence": "\n".join(["position_mm,a_mm_per_n,b_mm_per_n", *rows]), "length_mm": 500},
+        contact={"force_n": [2, 8], "position_mm": [20, 470]},
+        sensors={"noise_mm": 0.004, "range_mm": [1, 9]},
+    )
+    layout = [Channel(name="a", position_mm=80.5), Channel(name="b", position_mm=210.0)]
+    drawing, caption = beam_drawing(scene, model_of().metadata.model_copy(update={"layout": layout}))
+    tags = Tags(drawing)
+    (line,) = tags.of("rect", "beam")
+    assert [line[name] for name in ("x", "y", "width", "height")] == ["48.0", "89.0", "804.0", "3.0"]
+    (svg,) = tags.of("svg")
+    assert svg["viewbox"] == f"0 0 {WIDTH} {HEIGHT}"
+    assert svg["aria-label"] == "The structure, 500 mm long, as a line. Sensors: a at 80.5 mm, b at 210 mm."
+    assert [float(each["x"]) + float(each["width"]) / 2 for each in tags.of("rect", "sensor")] == pytest.approx(
+        [MARGIN + at * 804 / 500 for at in (80.5, 210)], abs=0.1
+    )
+    assert caption == "The structure as a line: its shape and supports are not known, as its influence was measured"
+    assert {"contact anywhere from 20 to 470 mm, 2 to 8 N", "500"} <= set(tags.text)
 
 
 def test_thickness_is_told_in_words() -> None:

@@ -9,11 +9,6 @@ import pytest
 
 from beamtouch_models import change_scene, read_scene
 from beamtouch_models.design.building.report.plate_pictures import (
-    GAP,
-    LOWER,
-    MARGIN,
-    TITLE,
-    WIDTH,
     FromAbove,
     Map,
     Region,
@@ -28,6 +23,8 @@ from support.pages.tags import Tags
 from support.surfaces.example_scenes import SCENES
 from support.surfaces.small_model import PLATE_OUTPUTS, model_of
 
+WIDTH, MARGIN, LOWER, GAP, TITLE = 640, 48, 52, 40, 22
+"""As on a drawing on squared paper, in px."""
 PX = (WIDTH - 2 * MARGIN) / 400
 """Of a plate of 400 by 300 mm, whose picture is as wide as it may be: 408 px high at most, and 408 it is."""
 BOTTOM = MARGIN / 2 + 300 * PX
@@ -62,7 +59,7 @@ def test_a_plate_is_as_wide_as_the_drawing_or_three_quarters_of_that_high() -> N
 
 
 def test_the_drawing_shows_plate_contacts_and_what_is_kept_free() -> None:
-    kept = [{"x_mm": [150.0, 250.0], "y_mm": [100.0, 180.0]}, {"x_mm": [20.0, 56.0], "y_mm": [30.0, 90.0]}]
+    kept = [{"x_mm": [150.0, 250.0], "y_mm": [100.0, 180.0]}, {"x_mm": [20.0, 58.2], "y_mm": [30.0, 90.0]}]
     tags, caption = draw(scene_with(sensors={"keep_out": kept}), (40.0, 50.0))
     for name in ("plate", "rim"):
         (rect,) = tags.of("rect", name)
@@ -71,24 +68,26 @@ def test_the_drawing_shows_plate_contacts_and_what_is_kept_free() -> None:
     assert box(contacts) == pytest.approx([10, 390, 20, 280], abs=0.1)
     first, second = tags.of("rect", "keepout")
     assert box(first) == pytest.approx([150, 250, 100, 180], abs=0.1)
-    assert box(second) == pytest.approx([20, 56, 30, 90], abs=0.1)
+    assert box(second) == pytest.approx([20, 58.2, 30, 90], abs=0.1)
     labels = [each for each in tags.of("text") if each.get("text-anchor") == "middle" and float(each["y"]) < BOTTOM]
-    assert tags.text.count("keep out") == len(labels) == 1  # 36 mm have no room for it
+    assert tags.text.count("keep out") == len(labels) == 1  # 38.2 mm are 51.95 px, too few for it
     assert float(labels[0]["x"]) == pytest.approx(MARGIN + 200 * PX, abs=0.06)
     assert float(labels[0]["y"]) == pytest.approx(BOTTOM - 140 * PX + 4, abs=0.06)
     assert caption == "dashed: contacts lie within; supports are zigzags; shaded with a word: no sensors there"
+    kept[1]["x_mm"] = [20.0, 58.3]  # 52.09 px
+    assert draw(scene_with(sensors={"keep_out": kept}), (40.0, 50.0))[0].text.count("keep out") == 2
     (svg,) = tags.of("svg")
     assert svg["aria-label"] == "The plate from above, 400 by 300 mm, to scale. Sensors: s1 at 40, 50 mm."
     assert svg["viewbox"] == f"0 0 {WIDTH} {BOTTOM + LOWER:g}"
 
 
 def test_sensors_are_as_wide_as_their_housings_with_labels_that_stay_on_the_plate() -> None:
-    places = [(15.0, 15.0), (385.0, 15.0), (15.0, 285.0), (385.0, 285.0)]
-    scene = scene_with(sensors={"fixed": [{"x_mm": 385.0, "y_mm": 15.0}]})
+    places = [(15.0, 145.0), (205.0, 15.0), (195.0, 285.0), (385.0, 155.0)]
+    scene = scene_with(sensors={"fixed": [{"x_mm": 205.0, "y_mm": 15.0}]})
     tags, _ = draw(scene, *places)
     circles = tags.of("circle", "sensor")
     labels = [each for each in tags.of("text") if float(each["y"]) < BOTTOM and float(each["x"]) > MARGIN]
-    names = ["s1 15, 15", "s2 (fixed) 385, 15", "s3 15, 285", "s4 385, 285"]
+    names = ["s1 15, 145", "s2 (fixed) 205, 15", "s3 195, 285", "s4 385, 155"]
     assert [text for text in tags.text if text.startswith("s")] == names
     assert ["fixed" in circle["class"] for circle in circles] == [False, True, False, False]
     for circle, label, (x, y) in zip(circles, labels, places, strict=True):
@@ -172,6 +171,13 @@ def test_springs_are_zigzags_rigid_supports_triangles_and_lines_lines() -> None:
     )
 
 
+def test_lines_are_the_thicker_the_more_they_hold() -> None:
+    lines = {"support_stiffness_n_per_mm": None, "supports": [{"x_mm": 0.0}, {"x_mm": 300.0, "y_mm": 200.0}]}
+    tags, _ = draw(scene_with(lines), (40.0, 50.0))
+    assert [path["stroke-width"] for path in tags.of("path", "support")] == ["4", "1.6"]
+    assert [tags.of("rect", name)[0]["stroke-width"] for name in ("rim", "contacts")] == ["1.4", "1.2"]
+
+
 def test_maps_stand_side_by_side_and_row_by_row_under_their_titles() -> None:
     edges = np.linspace(0, 400, 3), np.linspace(0, 300, 3)
     maps = [Map(f"map {number}", edges, np.arange(4.0)) for number in range(3)]
@@ -223,6 +229,7 @@ def test_a_map_prints_its_values_where_they_have_room_and_marks_a_place() -> Non
         assert float(label["x"]) == pytest.approx(GAP / 2 + x * factor, abs=0.06)
         assert float(label["y"]) == pytest.approx(bottom - y * factor + 4, abs=0.06)
     (ring,) = tags.of("circle")
+    assert (ring["r"], ring["stroke-width"]) == ("5", "1.5")
     assert float(ring["cx"]) == pytest.approx(GAP / 2 + 100 * factor, abs=0.06)
     assert float(ring["cy"]) == pytest.approx(bottom - 60 * factor, abs=0.06)
     bare = Tags(draw_maps([Map("title", edges, values, with_numbers=False)], (400.0, 300.0), "none"))
@@ -261,6 +268,7 @@ def test_regions_lie_at_their_places_turned_against_the_clock_and_those_of_weak_
         assert (float(ellipse["rx"]), float(ellipse["ry"])) == pytest.approx((long, short), abs=0.06)
     assert -float(re.findall(r"rotate\((-?[\d.]+)", ellipses[1]["transform"])[0]) % 180 == 45
     assert ["stroke-dasharray" in ellipse for ellipse in ellipses] == [False, True, False]
+    assert {ellipse["stroke-width"] for ellipse in ellipses} == {"1.6"}
     assert ["stroke-s0" in ellipse["class"] for ellipse in ellipses] == [True, False, True]
     assert float(ellipses[2]["ry"]) == 1.0
     (frame,) = tags.of("rect", "frame")

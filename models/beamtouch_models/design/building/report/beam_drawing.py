@@ -104,8 +104,7 @@ class Scale:
     def top(self, at_mm: float, beam: Beam) -> float:
         """Return the upper edge of the beam at a position."""
         ends = [section.to_mm for section in beam.sections]
-        index = min(int(np.searchsorted(ends, at_mm)), len(ends) - 1)
-        return BEAM_Y - self.height(self.thickness_mm[index])
+        return BEAM_Y - self.height(self.thickness_mm[np.searchsorted(ends, at_mm)])
 
 
 def _thicknesses_mm(beam: Beam) -> list[float | None]:
@@ -143,7 +142,7 @@ def _bend(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[
     deflection_mm = np.array(drawn.deflection_mm_per_n) * force_n
     load = int(np.abs(deflection_mm).max(axis=1).argmax())
     largest_px = float(np.abs(deflection_mm[load]).max()) * px.factor
-    if not 0 < largest_px < np.inf:
+    if not largest_px:
         return [], []
     times = max(1.0, _round_down(BENT_PX / largest_px))
     pairs = zip(drawn.at_mm, deflection_mm[load], strict=True)

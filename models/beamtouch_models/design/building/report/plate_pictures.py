@@ -149,7 +149,7 @@ def _sensors(scene: Scene, metadata: Metadata, px: FromAbove) -> Iterator[str]:
     radius = max(3.0, scene.sensors.size_mm / 2 * px.factor)
     fixed = {(place.x_mm, place.y_mm) for place in scene.sensors.fixed}
     for channel in metadata.layout:
-        place = channel.position_mm, channel.across_mm or 0.0
+        place = tuple(metadata.place_of(channel).values())
         x, y = px.x(place[0]), px.y(place[1])
         paint = fill("s3", "sensor", "fixed") if place in fixed else fill("s0", "sensor")
         yield f'<circle {paint} cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
