@@ -28,8 +28,6 @@ from beamtouch_models.runtime.session import stated_mm
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
-MIN_SHARE = 1e-3
-"""Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -119,7 +117,7 @@ def evaluate(
     if prior.errors.noise_mm:  # means over each posterior scatter less
         reached = contacts.reached(estimate_mm)
         span = replace(span, mean_mm=reached.error_mm, limit_mean_mm=reached.limit_mm, ratio=reached.ratio)
-    has_middle = drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
+    has_middle = drawn_inside.any() and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
     tells_contact, has_interval = "contact_log_odds" in answers, names_of(axes[0], "mm")[1] in answers
     tells_force, smallest_n = "force_n" in answers, None
     if tells_contact and prior.errors.noise_mm > 0:

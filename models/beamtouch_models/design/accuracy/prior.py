@@ -147,7 +147,7 @@ class Prior:
     def with_errors(self, place_mm: Floats, force_n: Floats, normal: Floats) -> Floats:
         """Return the samples of `draw` for independent errors of variance 1, `normal` (contacts, channels)."""
         clean, deviation = self.sampled(place_mm, force_n)
-        if self.variance_at is None or self.shared is None:
+        if self.shared is None:
             return np.asarray(clean + normal * deviation)
         moved_mm = self._moved_mm(place_mm, force_n)
         covariance = moved_mm[:, :, None] * self._correlation * moved_mm[:, None, :]
@@ -158,7 +158,7 @@ class Prior:
     def moved(self, place_mm: Floats, force_n: Floats, normal: Floats) -> Floats:
         """Return what mounting and interpolation add to deflections of contacts, arguments as `with_errors`."""
         moved_mm = self._moved_mm(place_mm, force_n)
-        return moved_mm * (normal if self.shared is None else normal @ np.linalg.cholesky(self._correlation).T)
+        return moved_mm * (normal @ np.linalg.cholesky(self._correlation).T)
 
     def _moved_mm(self, place_mm: Floats, force_n: Floats) -> Floats:
         """Return the standard deviation (contacts, channels) that mounting and interpolation leave."""
@@ -169,9 +169,10 @@ class Prior:
     @property
     def _correlation(self) -> Floats:
         """(channels, channels) of what mounting and interpolation leave."""
-        loadings = np.zeros((self.channels, 0)) if self.shared is None else self.shared
-        correlation: Floats = loadings @ loadings.T
-        correlation[np.diag_indices(self.channels)] = 1.0
+        if self.shared is None:
+            return np.eye(self.channels)
+        correlation: Floats = self.shared @ self.shared.T
+        np.fill_diagonal(correlation, 1.0)
         return correlation
 
     @property

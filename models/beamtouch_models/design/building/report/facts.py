@@ -1,27 +1,26 @@
 """What the report of a build shows: the error along the beam or over the plate, and other layouts, measured."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from beamtouch_common.outline import names_of
+from beamtouch_common.outline import axes_of, names_of
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.design.accuracy.evaluation import estimates
-from beamtouch_models.design.accuracy.limit import compare_limits, limits_without, simulated
+from beamtouch_models.design.accuracy.limit import Contacts, compare_limits, limits_without, simulated
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.design.building.build import Built
 from beamtouch_models.design.building.compared import Compared, compare_layout
-from beamtouch_models.design.building.report.plate_pictures import (
-    Region,
-)
+from beamtouch_models.design.building.report.plate_pictures import Region
 from beamtouch_models.design.building.report.questions import TRIED
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, score_layout
 from beamtouch_models.design.placement.reasons import Costs
 from beamtouch_models.design.scene import Scene
 from beamtouch_models.design.sweeps import Progress
-from beamtouch_models.places import grid_of, in_rows
+from beamtouch_models.places import Extent, grid_of, in_rows
 from beamtouch_models.runtime.error_model import NORMAL_975
 from beamtouch_models.runtime.loading import ModelFile, load_bytes
 from beamtouch_models.runtime.metadata import CORRELATION_OUTPUT
@@ -129,11 +128,18 @@ def gather(built: Built, progress: Progress) -> Facts:
 
 
 def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
-    draws = built.layout.aim.effort.of(PROFILE_DRAWS, LEAST_DRAWS)
-    contacts = simulated(prior, draws, built.metadata.seed + SEED_SHIFT)
-    weight = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape[:2])
-    answers, extent = estimates(model, prior, contacts.drawn.deflection_mm), prior.extent
-    edges = edges_of(prior, PROFILE_BINS if extent.axes == 1 else PLATE_BINS)
+    draws, seed = built.layout.aim.effort.of(PROFILE_DRAWS, LEAST_DRAWS), built.metadata.seed + SEED_SHIFT
+    contacts = simulated(prior, draws, seed)
+    answers = estimates(model, prior, contacts.drawn.deflection_mm)
+    return profile_of(contacts, answers, prior.extent, seed, () if prior.extent.axes == 1 else regions_of(prior, model))
+
+
+def profile_of(
+    contacts: Contacts, answers: Mapping[str, Floats], extent: Extent, seed: int, regions: tuple[Region, ...] = ()
+) -> Profile:
+    """Return the errors and intervals of a model's answers to contacts, part by part; `seed` is that of the trials."""
+    weight, axes = np.broadcast_to(contacts.drawn.weight[:, None], contacts.likely_mm.shape[:2]), axes_of(extent.axes)
+    edges = edges_of(extent, PROFILE_BINS if extent.axes == 1 else PLATE_BINS)
     at = [
         np.clip(np.searchsorted(ends, places, side="right") - 1, 0, len(ends) - 2)
         for ends, places in zip(edges, np.moveaxis(contacts.likely_mm, -1, 0), strict=True)
@@ -146,12 +152,13 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
             np.bincount(cell, (weight * values).ravel(), np.prod(counts)),
             np.bincount(cell, weight.ravel(), np.prod(counts)),
         )
-        mean: Floats = np.divide(total, weights, out=np.full(len(total), np.nan), where=weights > 0)
+        with np.errstate(invalid="ignore"):  # a part without contacts has no mean
+            mean: Floats = total / weights
         return mean
 
-    error_mm, inside, lengths_mm = contacts.error_mm(stated_mm(answers, prior.axes)), None, None
-    if names_of(prior.axes[0], "mm")[1] in answers:
-        low, high = (stated_mm(answers, prior.axes, end) for end in (1, 2))
+    error_mm, inside, lengths_mm = contacts.error_mm(stated_mm(answers, axes)), None, None
+    if names_of(axes[0], "mm")[1] in answers:
+        low, high = (stated_mm(answers, axes, end) for end in (1, 2))
         inside, lengths_mm = contacts.held(low, high).astype(np.float64), high - low
 
     def part(name: str, among: Bools | np.bool_) -> Part:
@@ -185,19 +192,19 @@ def _profile(prior: Prior, model: ModelFile, built: Built) -> Profile:
         None
         if "force_n" not in answers
         else mean_of(np.abs(answers["force_n"] - contacts.drawn.force_n), contacts.drawn.weight),
-        _accepted_mm(error_mm, weight, built.metadata.seed + SEED_SHIFT),
-        () if extent.axes == 1 else _regions(prior, model),
+        _accepted_mm(error_mm, weight, seed),
+        regions,
     )
 
 
-def edges_of(prior: Prior, most: int) -> list[Floats]:
+def edges_of(extent: Extent, most: int) -> list[Floats]:
     """Return the edges of parts of equal length, `most` along the longest axis and as long along the others."""
-    size = prior.extent.size_mm
+    size = extent.size_mm
     counts = np.maximum(1, np.round(most * size / size.max())).astype(int)
-    return [np.linspace(*ends, count + 1) for ends, count in zip(prior.extent.ranges_mm, counts, strict=True)]
+    return [np.linspace(*ends, count + 1) for ends, count in zip(extent.ranges_mm, counts, strict=True)]
 
 
-def _regions(prior: Prior, model: ModelFile) -> tuple[Region, ...]:
+def regions_of(prior: Prior, model: ModelFile) -> tuple[Region, ...]:
     """Return the regions of answers to contacts without noise: the weakest and the strongest at nine places."""
     extent, forces = prior.extent, sorted(set(prior.force_n))
     share = np.array([0.1, 0.5, 0.9])

@@ -193,7 +193,7 @@ def _maps(facts: Facts) -> list[tuple[str, str, str]]:
     says = "Smallest force that is seen over the plate"
     nothing = "; a dash: nothing is seen there" if np.isnan(forces).any() else ""
     pictures.append(("seen", draw_maps([Map("N", around, forces)], size_mm, says), f"{says}, in N{nothing}"))
-    edges = tuple(edges_of(layout.prior, FINE_BINS))
+    edges = tuple(edges_of(layout.prior.extent, FINE_BINS))
     middles = grid_of([(ends[1:] + ends[:-1]) / 2 for ends in edges])
     shown = strong_n * layout.prior.influence_table(middles)
     each = [
