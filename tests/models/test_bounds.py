@@ -68,6 +68,16 @@ def test_a_bound_beyond_the_range_is_no_larger_than_a_guess() -> None:
     assert hidden[[0, len(hidden) // 2, -1]] == pytest.approx([LENGTH_MM / 2, LENGTH_MM / 4, LENGTH_MM / 2], rel=2e-3)
 
 
+def test_where_nothing_moves_what_begins_to_move_tells_the_place() -> None:
+    """Of shapes x and 2 x, per 100 mm, a contact at 0 shows nothing, and moves on by the root of 5 over 100 a mm."""
+    prior = Prior(
+        Extent.of_beam((0.0, 100.0)), 100.0, (2.0, 20.0), SENSORS, 2, lambda place: place / 100 * np.array([1.0, 2.0])
+    )
+    found = cramer_rao_deviation_mm(prior, np.array([[0.0], [50.0]]), np.array([7.0, 7.0]))
+    assert found[0, 0] == pytest.approx(100 * NOISE_MM / 7 / 5**0.5, rel=1e-6)
+    assert found[1, 0] > 1e6  # elsewhere a change of the place looks like one of the force
+
+
 def test_on_two_axes_the_bound_is_the_deviation_of_least_squares() -> None:
     """Three scales under a triangle of any shape: the inverse of J'J of place and force together."""
     corners, noise_mm = np.array([[0.0, 0.0], [90.0, 10.0], [30.0, 70.0]]), 0.01

@@ -57,6 +57,9 @@ def test_the_page_is_complete_described_for_screen_readers_and_makes_no_requests
     numbers = re.findall(r">component (-?\d+)<", text)
     assert numbers == [str(number) for number in range(1, len(numbers) + 1)]
     assert len(numbers) >= 3
+    *_, components = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
+    curves = re.findall(r'<polyline class="line stroke-s(\d)"', components)
+    assert curves == [str(number) for number in range(len(numbers))]  # a colour each
     assert "prefers-color-scheme: dark" in text
     assert "@media print" in text
     assert not re.search(r"\b(nan|inf|None)\b", " ".join(tags.text))

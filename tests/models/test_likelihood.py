@@ -146,6 +146,28 @@ def test_what_is_not_negligible_is_exact_and_the_rest_stays_negligible() -> None
     assert not np.allclose(found[~counts], exact[~counts], atol=1e-3)
 
 
+def test_of_an_exact_force_even_what_is_negligible_is_exact() -> None:
+    weights, forces = whitening_of(COVARIANCE), forces_of((7.0, 7.0), 0.0)
+    sample = np.einsum("dij,dj->di", weights, SAMPLES)
+    exact = log_density(forces, weights, sample, INFLUENCE[None], negligible=np.inf)
+    found = log_density(forces, weights, sample, INFLUENCE[None], negligible=1.0)
+    assert (exact < exact.max(axis=1, keepdims=True) - 1).any()
+    assert found == pytest.approx(exact, rel=1e-9)
+
+
+def test_what_is_negligible_is_bounded_by_the_likeliest_force_of_the_range() -> None:
+    weights, forces = whitening_of(COVARIANCE), forces_of((3.0, 17.0), 0.0)
+    sample = np.einsum("dij,dj->di", weights, SAMPLES)
+    found = log_density(forces, weights, sample, INFLUENCE[None], negligible=1.0)
+    force = np.linspace(3.0, 17.0, 20_001)[:, None]
+    for row, one in enumerate(SAMPLES):
+        for place, shape in enumerate(INFLUENCE):
+            off = (one - force * shape) @ weights[row].T
+            largest = -((off**2).sum(axis=1).min()) / 2
+            if largest < found[row].max() - 3:
+                assert found[row, place] == pytest.approx(largest, abs=1e-3)
+
+
 def test_a_peak_may_rise_by_half_of_its_drop_to_the_lower_neighbour() -> None:
     along = np.array([[1.0, 8.0, 4.0, 4.5, 3.0]])
     assert possible_rise(along, 1).tolist() == [[0.0, 3.5, 0.0, 0.75, 0.0]]

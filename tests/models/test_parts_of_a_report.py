@@ -71,12 +71,12 @@ def test_a_beam_has_stretches_a_middle_and_two_ends() -> None:
     for number in range(24):
         low, high = 20 + 10 * number, 30 + 10 * number
 
-        def holds(place: Floats, low: float = low, high: float = high) -> bool:
+        def within(place: Floats, low: float = low, high: float = high) -> bool:
             return bool(low <= place[0] < high or high == 260 == place[0])
 
-        of_model = mean_where(contacts, lambda row, at: abs(float(answers["position_mm"][row] - at[0])), holds)
+        of_model = mean_where(contacts, lambda row, at: abs(float(answers["position_mm"][row] - at[0])), within)
         assert model[number] == pytest.approx(of_model)
-        of_limit = mean_where(contacts, lambda row, at: abs(float(contacts.median_mm[row, 0] - at[0])), holds)
+        of_limit = mean_where(contacts, lambda row, at: abs(float(contacts.median_mm[row, 0] - at[0])), within)
         assert limit[number] == pytest.approx(of_limit)
     parts: list[tuple[Part, str, Callable[[Floats], bool]]] = [
         (found.whole, "whole range", lambda _: True),

@@ -181,7 +181,7 @@ def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, 
     # With a random shift, averages over the likely positions are unbiased.
     shift = np.random.default_rng([seed, LIKELY]).uniform(size=(len(drawn.place_mm), 1))
     levels, posteriors = (np.arange(LIKELY) + shift) / LIKELY, []
-    length = CHUNK * max(1, -(-len(shift) // (CHUNK * REPORTS)))
+    length = max(CHUNK, math.ceil(len(shift) / REPORTS))
     parts = [slice(start, start + length) for start in range(0, len(shift), length)]
     for posterior in spread(_summaries, [(prior, drawn.deflection_mm[part], levels[part]) for part in parts]):
         posteriors.append(posterior)

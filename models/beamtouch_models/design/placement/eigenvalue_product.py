@@ -101,7 +101,7 @@ def log_eigenvalue_product(matrix: Floats, leading: int | None = None) -> float:
         lengths = np.linalg.norm(scaled, axis=0)
         if lengths.min() == 0:
             return -np.inf
-        lengths = 2.0 ** np.floor(np.log2(lengths))
+        lengths = np.exp2(np.floor(np.log2(lengths)))
         magnitude = np.abs(np.diag(qr(scaled / lengths, mode="r", pivoting=True)[0]))
         floor = EPS * max(loads, sensors)
     if magnitude.min() <= floor:
@@ -116,7 +116,7 @@ def _scaled(matrix: Floats) -> tuple[Floats, float]:
     if not np.isfinite(size):
         raise ValueError("an influence matrix must be finite")
     # A power of two, so that no digit changes.
-    unit = float(2.0 ** np.floor(np.log2(size))) if size > 0 else 0.0
+    unit = float(np.exp2(np.floor(np.log2(size)))) if size else 0.0
     return (matrix / unit if unit else matrix), unit
 
 

@@ -198,7 +198,7 @@ def place_by_position_error(
         share = (aim.failed_percent or 0.0) / ALWAYS
         stages = stages_of(influence, rules, equal, product, sampling, share, seed, aim.effort)
         pairs = in_pairs(rules, influence.size_mm, count)
-        starts = [product, equal] if pairs is None else [product, equal, pairs]
+        starts = [product, equal, *([] if pairs is None else [pairs])]
         layout, scored = search_stages(
             stages, starts, aim.search, seed, lambda part: progress("placing by position error", part), aim.effort
         )
