@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.design.building.build import Built
 from beamtouch_models.design.building.report import facts as measured
 from beamtouch_models.design.building.report.facts import Facts, gather
@@ -111,6 +112,44 @@ def test_holes_are_stated_from_both_ends_and_housings_with_their_sides(facts: Fa
         place = channel.position_mm
         step = "-" if after is None else f"{after.position_mm - place:g}"
         assert f"{channel.name} {place:g} {400 - place:g} {step} {place - 6:g} to {place + 6:g}" in stated
+
+
+def assert_drawn(svg: str, curves: list[tuple[Floats, Floats]]) -> None:
+    """The curves of a chart are those of x and y but for the scales of its axes."""
+    drawn = [
+        np.array([pair.split(",") for pair in points.split()], float)
+        for points in re.findall(r'<polyline class="line[^>]* points="([^"]*)"', svg)
+    ]
+    assert [len(points) for points in drawn] == [len(x) for x, _ in curves]
+    for axis in (0, 1):
+        px, values = np.concatenate([each[:, axis] for each in drawn]), np.concatenate([each[axis] for each in curves])
+        slope, start = np.polyfit(values, px, 1)
+        assert start + slope * values == pytest.approx(px, abs=0.12)
+        assert (slope > 0) == (axis == 0)
+
+
+def test_charts_draw_errors_smallest_forces_and_components_along_the_beam(facts: Facts, text: str, words: str) -> None:
+    _, errors, forces, components = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
+    profile, seen, surface = facts.profile, facts.model.metadata.smallest_force, facts.built.layout.surface
+    at_mm = np.arange(24) * 398 / 24 + 1 + 398 / 48
+    assert_drawn(errors, [(at_mm, profile.model_mm), (at_mm, profile.limit_mm)])
+    curve = np.array([20.0 if force is None else min(force, 20.0) for force in seen.force_n])
+    assert_drawn(forces, [(np.array(seen.position_mm), np.log(curve))])
+    assert "limit; 24 stretches." in words
+    assert ("even 20 N, the largest force of the scene, is not seen where the curve reaches it" in words) == (
+        20.0 in curve
+    )
+    # Of 11 N, in the middle of 2 to 20 N.
+    shown_mm = 11 * surface.influence.matrix(facts.built.layout.placement.place_mm)
+    _, _, directions = np.linalg.svd(shown_mm, full_matrices=False)
+    parts = np.abs(shown_mm @ directions.T) / facts.model.metadata.noise.sample_mm
+    pixels = [
+        np.array([pair.split(",") for pair in points.split()], float)[:, 1]
+        for points in re.findall(r'points="([^"]*)"', components)
+    ]
+    (zero,) = re.findall(r'y="([\d.]+)" text-anchor="end">0<', components)
+    off_px = np.abs(np.array(pixels) - float(zero) + 4).T
+    assert off_px * parts.max() / off_px.max() == pytest.approx(parts, abs=0.01 * parts.max())
 
 
 def test_what_is_not_stated_is_marked_as_assumed(facts: Facts) -> None:

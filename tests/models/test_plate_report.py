@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import change_scene, read_scene, resolve
+from beamtouch_models.arrays import Floats
 from beamtouch_models.design.building.build import build_model
 from beamtouch_models.design.building.report.facts import Facts, gather
 from beamtouch_models.design.building.report.page import page
@@ -58,6 +59,45 @@ def assert_map_adds_up(facts: Facts) -> None:
     assert profile.model_mm.shape == profile.limit_mm.shape == (8 * 6,)
 
 
+def shades_of(values: Floats) -> Floats:
+    """From 0.06 of the least to 0.6 of the largest; of those that are not finite none."""
+    known = values[np.isfinite(values)]
+    shades: Floats = 0.06 + 0.54 * (known - known.min()) / np.ptp(known)
+    return shades
+
+
+def assert_maps_show_what_was_measured(facts: Facts, text: str, words: str) -> None:
+    """Errors in 8 by 6 parts, smallest forces, and what each sensor shows of 20 N in 28 by 21 parts."""
+    profile, metadata, influence = facts.profile, facts.model.metadata, facts.built.layout.surface.influence
+    _, errors, forces, shown = (
+        figure for figure in re.findall(r"<svg.*?</svg>", text, re.DOTALL) if "ellipse" not in figure
+    )
+    middles_mm = [
+        [low + (high - low) * (i + 0.5) / n for i in range(n)] for low, high, n in ((10, 390, 28), (10, 290, 21))
+    ]
+    places = np.array([[x, y] for x in middles_mm[0] for y in middles_mm[1]])
+    of_sensors = 20 * influence.at(np.array(PLACES), places).T
+    seen = np.array([np.nan if force is None else force for force in metadata.smallest_force.force_n])
+    for drawn, each in ((errors, [profile.model_mm, profile.limit_mm]), (forces, [seen]), (shown, list(of_sensors))):
+        opacity = np.array(re.findall(r'opacity="([\d.]+)"', drawn), float)
+        assert opacity == pytest.approx(np.concatenate([shades_of(values) for values in each]), abs=0.011)
+    for number, values in enumerate(of_sensors, start=1):
+        assert f"s{number}: {values.min():.2g} to {values.max():.2g} mm" in words
+    rings = re.findall(r'<circle class="line[^>]* cx="([\d.]+)" cy="([\d.]+)"', shown)
+    frames = re.findall(r'<rect class="frame[^>]* x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"', shown)
+    for (x, y), frame, (at_x, at_y) in zip(rings, frames, PLACES, strict=True):
+        left, top, width, height = map(float, frame)
+        assert (float(x), float(y)) == pytest.approx(
+            (left + width * at_x / 400, top + height * (1 - at_y / 300)), abs=0.2
+        )
+    assert ("a dash: nothing is seen there" in words) == bool(np.isnan(seen).any())
+    assert "of 20 N, and dashed of 2 N, " in words
+    assert "What each sensor, a ring, shows of 20 N" in words
+    (told,) = re.findall(r"the widest is ([\d.]+) by ([\d.]+) mm", words)
+    widest = max(profile.regions, key=lambda region: region.semi_axes_mm[0]).semi_axes_mm
+    assert (float(told[0]), float(told[1])) == pytest.approx((2 * widest[0], 2 * widest[1]), rel=0.05)
+
+
 def test_the_report_of_a_plate_is_complete_and_speaks_of_no_beam() -> None:
     facts = gathered()
     text = page(facts)
@@ -77,6 +117,7 @@ def test_the_report_of_a_plate_is_complete_and_speaks_of_no_beam() -> None:
         assert abs(share.value - 0.95) < 0.03
     assert_drawn_to_one_scale(text)
     assert_map_adds_up(facts)
+    assert_maps_show_what_was_measured(facts, text, words)
 
 
 @pytest.mark.soak
