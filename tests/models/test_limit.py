@@ -53,8 +53,8 @@ def test_limits_that_are_compared_share_their_contacts() -> None:
         assert abs(one.ratio.value - alone / whole) < 4 * one.ratio.standard_error + 0.02 * one.ratio.value
     gains = [prior.with_floor(gain, 0.0) for gain in (0.0, 0.001, 0.003)]
     compared = compare_limits(prior, gains, 256, 3)
-    alone = [accuracy_limit(one, 256, 3).value for one in gains]
-    assert [one.limit.value for one in compared] == pytest.approx(alone, rel=2e-3)
+    each = [accuracy_limit(one, 256, 3).value for one in gains]
+    assert [one.limit.value for one in compared] == pytest.approx(each, rel=2e-3)
     none, little, usual = (one.ratio for one in compared)
     # The same errors, and a price that is seen although it is smaller than the scatter of either limit.
     assert (none.value, none.standard_error) == (1, 0)
