@@ -27,7 +27,7 @@ demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live con
 test: $(INSTALLED)  ## all tests but those of `make soak`; NAMES="models daemon ..." for some folders of tests/ only
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not soak" $(addprefix tests/,$(NAMES))
 
-soak: $(INSTALLED)  ## more rounds, longer outages, more draws and scenes, and all guides, in about seven minutes on two cores
+soak: $(INSTALLED)  ## what takes long: more rounds, longer outages, more draws and scenes, whole lines and all guides, in about a quarter of an hour on two cores
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) -m soak
 
 versions:  ## promises on the other Pythons of this machine (3.12 to 3.14), in some five minutes each on two cores

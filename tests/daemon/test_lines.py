@@ -109,6 +109,7 @@ def complaints(outcome: Outcome) -> list[str]:
     return [line for line in outcome.err.splitlines() if "set rate_hz" in line]
 
 
+@pytest.mark.soak
 @pytest.mark.promise(
     "docs/how-to/adc-module.md",
     "the log says what to set, and each contact carries the note `rate` until the two agree.",

@@ -41,7 +41,7 @@ async def fresh_looks(url: str) -> int:
     return fresh
 
 
-@pytest.mark.parametrize("is_cut", [True, False], ids=["cut", "silent"])
+@pytest.mark.parametrize("is_cut", [pytest.param(True, marks=pytest.mark.soak), False], ids=["cut", "silent"])
 async def test_after_an_outage_answers_are_fresh_and_the_record_gets_everything(
     tmp_path: Path, *, is_cut: bool
 ) -> None:

@@ -53,6 +53,7 @@ async def test_zeros_that_drift_faster_than_is_stated_are_told_with_their_rate(
     assert float(told[2]) == pytest.approx(4, rel=0.5)
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/drift.md", "The daemon says when the zeros come near the end of what it follows")
 async def test_zeros_that_drift_far_from_the_tare_are_told_and_a_tare_brings_them_back(
     bench: ModelFile, bench_model: Path, tmp_path: Path

@@ -103,6 +103,7 @@ def test_the_departures_are_found_and_the_file_says_so(
     assert (np.array(fresh.metadata.floor.gain) < bench.metadata.floor.gain).all()
 
 
+@pytest.mark.soak
 def test_a_beam_rests_before_and_after_its_next_tare(built_model: Callable[[str], Path]) -> None:
     model, rng = runtime.load(built_model("cantilever")), np.random.default_rng(1)
     noise_mm, channels = model.metadata.noise.sample_mm, len(model.channels)
@@ -210,6 +211,7 @@ def test_rows_of_the_newest_characteristic_count_and_each_event_once(bench: Mode
     assert found.deviation_mm == pytest.approx(deviation_mm[4:], abs=1e-9)
 
 
+@pytest.mark.soak
 @pytest.mark.filterwarnings("error")
 def test_one_sensor_under_an_open_force_is_calibrated_to_what_it_can_tell() -> None:
     scene = change_scene(load_scene(SCENES / "bench.toml")[0], sensors={"count": 1})

@@ -42,6 +42,7 @@ def loads(model: ModelFile, real: Imperfections) -> Loads:
     return replace(plain, force_n=plain.force_n * lighter, measured_mm=plain.measured_mm * lighter[:, None])
 
 
+@pytest.mark.soak
 @pytest.mark.promise(
     "docs/how-to/plates.md",
     "fits gains, the places of the sensors along both axes, each spring, a curved characteristic and offsets",

@@ -101,6 +101,7 @@ def test_a_hanger_that_nobody_weighed_is_named_with_its_weight_and_the_model_doe
     assert found == pytest.approx(true_prior(cantilever.metadata, SOFT).influence_at(on_axis(PLACES_MM[2:])), rel=0.03)
 
 
+@pytest.mark.soak
 def test_forces_that_count_a_pan_which_was_tared_are_named_as_too_large(
     design_sensors_roughly: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path
 ) -> None:
@@ -188,6 +189,7 @@ def test_gains_that_are_all_larger_alike_give_the_model_of_a_softer_beam(cantile
     )
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/calibrate.md", "with equal weights, a hanger that nobody weighed would pass for")
 def test_equal_weights_are_remarked_where_a_hanger_may_hide_in_the_scale(
     design_sensors_roughly: Command, built_model: Callable[[str], Path], cantilever: ModelFile, tmp_path: Path

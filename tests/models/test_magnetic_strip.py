@@ -32,6 +32,7 @@ def test_noise_of_a_light_load_far_from_a_sensor_is_no_contradiction() -> None:
     assert resolve(scene_of(loads_csv(30, seed=1))).influence.matrix(np.array([[20.0]])).max() > 0
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/measured.md", "A characteristic is in the unit of its sensor, too")
 def test_curved_sensors_may_show_another_unit() -> None:
     forces_n = [3.0, 6.0, 12.0, 20.0]

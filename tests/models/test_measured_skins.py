@@ -186,6 +186,7 @@ def test_a_bad_table_of_two_axes_is_refused_in_one_line(name: str, tmp_path: Pat
     assert not (tmp_path / "skin.onnx").exists()
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/measured.md", "it names up to 20 such loads at once")
 def test_loads_that_contradict_the_others_are_named_together_and_no_others(tmp_path: Path, refused: Refusal) -> None:
     head, *good = loads_csv(grid(7, 5)).splitlines()
@@ -227,6 +228,7 @@ def test_what_contradicts_a_table_of_two_axes_is_refused(tables: dict[str, dict[
         change_scene(scene_of(GOOD), **tables)
 
 
+@pytest.mark.soak
 def test_a_structure_that_is_simulated_is_one_that_the_table_of_two_axes_allows() -> None:
     structure, rng = measured_structure_of(scene_of(loads_csv(grid(6, 5)))), np.random.default_rng(8)
     places = rng.uniform([5, 5], [55, 35], (12, 2))

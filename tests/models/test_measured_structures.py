@@ -27,6 +27,7 @@ from support.surfaces.tapered_leaf import (
 EFFORT, DRAWS = 0.05, 4000
 
 
+@pytest.mark.soak
 def test_a_model_of_measured_loads_is_nearly_as_good_as_one_that_knew_the_structure() -> None:
     of_truth = resolve(STATED, influence=true_influence()).layout(list(SENSORS_MM.values())).limit(draws=DRAWS)
     for loads, worst in ((12, 1.5), (25, 1.25), (50, 1.2)):
@@ -87,6 +88,7 @@ def test_a_model_holds_its_table(tmp_path: Path, design_sensors_roughly: Command
     assert abs(first.estimate(deflection_mm)["position_mm"][0] - 180) < 3
 
 
+@pytest.mark.soak
 def test_gains_of_a_measured_structure_are_calibrated(tmp_path: Path, design_sensors_roughly: Command) -> None:
     scene, sensors_mm = write_scene(tmp_path, loads_csv(25)), np.array(list(SENSORS_MM.values()))
     assert design_sensors_roughly("build", scene, "-o", tmp_path / "leaf.onnx").returncode == 0
@@ -182,6 +184,7 @@ def optical(deflection_mm: Floats) -> Floats:
     return (4.0 / (4.0 - deflection_mm)) ** 2 - 1
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/measured.md", "a characteristic is fitted for each sensor from the same loads")
 def test_curved_sensors_are_straightened_by_their_own_loads() -> None:
     table = recorded_loads(np.linspace(15, 285, 24), [3.0, 6.0, 12.0, 20.0], optical)
@@ -238,6 +241,7 @@ def test_an_uplifted_sensor_loses_its_reading_and_not_the_place() -> None:
     assert unknown[0] > 2 * known[0]
 
 
+@pytest.mark.soak
 def test_sensors_that_saturate_are_known_less_well_under_heavy_loads() -> None:
     def saturating(deflection_mm: Floats) -> Floats:
         return 1.2 * (1 - np.exp(-deflection_mm / 1.2))

@@ -44,6 +44,7 @@ def change_load(path: Path, number: str, column: str, value: str) -> None:
         writer.writerows({**row, column: value} if row["load"] == number else row for row in rows)
 
 
+@pytest.mark.soak
 def test_a_mistyped_load_is_named_and_can_be_left_out(
     design_sensors_roughly: Command, built_model: Callable[[str], Path], tmp_path: Path
 ) -> None:

@@ -25,6 +25,7 @@ def change(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1))
 
 
+@pytest.mark.soak
 @pytest.mark.promise(
     "docs/how-to/design.md",
     (
@@ -64,6 +65,7 @@ def test_sensors_stay_where_the_replaced_model_has_them_until_told_to_move(
     assert ANEW not in said
 
 
+@pytest.mark.soak
 def test_places_that_the_scene_forbids_are_given_up_with_a_warning(
     design_sensors_roughly: Command, scene: Path, tmp_path: Path
 ) -> None:
@@ -96,6 +98,7 @@ def test_sensors_stay_where_the_daemon_configuration_has_them(
     assert f"stay where {config} has them" in again.noted
 
 
+@pytest.mark.soak
 @pytest.mark.promise(
     "docs/how-to/design.md",
     "`inspect` and `beamtouch-daemon noise` print a line `fixed_mm` for the scene",

@@ -226,6 +226,7 @@ def test_explain_says_what_springs_cost_that_are_stiffer_than_said(design_sensor
     assert re.search(r"if one is, places are 4\.\d mm off on average, and 9\.\d mm at most", told)
 
 
+@pytest.mark.soak
 def test_sensors_of_a_plate_on_springs_stand_in_its_corners(design_sensors_roughly: Command, tmp_path: Path) -> None:
     scene = tmp_path / "plate.toml"
     scene.write_text(SPRINGS.read_text().replace("count = 4", "count = 4\ngrid_mm = 25"))

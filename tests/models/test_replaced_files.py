@@ -25,6 +25,7 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.soak
 @pytest.mark.promise(
     "docs/how-to/spare-part.md",
     "`build` replaces neither a calibrated model nor an edited `daemon.toml`.",
@@ -59,6 +60,7 @@ def test_a_configuration_is_replaced_until_somebody_has_edited_it(
     assert model.read_bytes() != built
 
 
+@pytest.mark.soak
 @pytest.mark.promise(
     "docs/how-to/spare-part.md",
     "`build` replaces neither a calibrated model nor an edited `daemon.toml`.",

@@ -139,6 +139,7 @@ def recorded(path: Path, wrong: int = 0) -> Path:
     return path
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/measured.md", "it also finds a pan that nobody weighed")
 def test_a_pan_that_nobody_weighed_is_named_and_so_is_a_load_that_is_wrong(
     tmp_path: Path, model: Model, design_sensors_roughly: Command

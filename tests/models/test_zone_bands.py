@@ -57,6 +57,7 @@ def test_where_there_are_no_contacts_there_is_no_band() -> None:
     assert band_at(prior, 3.0, 1)[1:] == (0.0, 0.0)
 
 
+@pytest.mark.soak
 @pytest.mark.promise(
     "docs/how-to/zones.md",
     "it prints a line for each edge within the beam",

@@ -29,6 +29,7 @@ class Changing(Surface):
         return self.own
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/opcua.md", "the server begins anew with its variables")
 def test_a_surface_that_gets_other_axes_gets_their_variables() -> None:
     port, surface = free_port(), Changing("press-7")

@@ -150,6 +150,7 @@ SHOWN = [
 """Dashboard, panel, a label and its value at some time."""
 
 
+@pytest.mark.soak
 def test_each_query_has_an_answer_and_each_fault_is_shown(tmp_path: Path, bench_model: Path) -> None:
     with watched(tmp_path, bench_model) as seen:
         empty = {

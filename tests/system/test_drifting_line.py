@@ -40,6 +40,7 @@ def test_a_drift_of_5_um_a_minute_costs_no_contact(
     assert said.gains == set()
 
 
+@pytest.mark.soak
 def test_a_contact_of_minutes_widens_instead_of_wandering_and_the_rest_after_it_is_clear(bench: ModelFile) -> None:
     long = Press(5.0, 305.0, 150.0, 8.0)
     said = line(bench).play(Course(320, [long], drift(5.0, SECOND)))
@@ -65,6 +66,7 @@ def test_a_start_hours_after_the_tare_is_clear_at_rest_and_wide_under_a_load(ben
     assert np.median(loaded.interval_mm) > 2 * np.median(said.interval_mm)
 
 
+@pytest.mark.soak
 def test_a_load_that_goes_in_half_a_minute_leaves_a_rest_that_is_clear(bench: ModelFile) -> None:
     said = line(bench).play(Course(140, [Press(5.0, 125.0, 200.0, 2.0, 30.0)], drift(0.0, ALL)))
     assert said.share(State.CLEAR) > 0.95

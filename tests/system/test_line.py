@@ -155,7 +155,6 @@ def compare(line: Line, rests: int) -> tuple[list[Compared], list[Any]]:
     ("kind", "rests"),
     [
         ("modbus-tcp", 6),
-        ("modbus-rtu", 6),
         ("serial", 6),
         *(pytest.param(kind, 14, marks=pytest.mark.soak) for kind in ("modbus-tcp", "modbus-rtu", "serial")),
     ],

@@ -24,6 +24,7 @@ force_n = {FORCE_N}
 """
 
 
+@pytest.mark.soak
 def test_a_contact_on_a_measured_structure_is_at_its_place(tmp_path: Path) -> None:
     table = recorded_loads(np.linspace(15, 285, 24), [3.0, 6.0, 12.0, 20.0], optical)
     scene = change_scene(scene_of(influence=table, curved=True), sensors={"range_mm": [1, 19]})

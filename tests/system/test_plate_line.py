@@ -33,6 +33,7 @@ WINDOWS = {"desk": (1280, 900), "phone": (390, 844)}
 TOPIC = "beamtouch/plate/contact"
 
 
+@pytest.mark.soak
 def test_no_contact_on_a_plate_is_wrong_in_silence_and_all_outputs_say_the_same(
     plate_model: Path, tmp_path: Path, open_page: OpenPage
 ) -> None:

@@ -35,6 +35,7 @@ range_mm = [-2000, 2000]
 """For the rig, which plays a structure that the table allows."""
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/measured.md", "The answer has `x_mm` and `y_mm`, each with its interval.")
 def test_a_contact_on_a_skin_is_at_its_place(tmp_path: Path) -> None:
     files = {"skin.csv": recorded(len(GRID)), "skin.toml": SCENE, "script.toml": SCRIPT}

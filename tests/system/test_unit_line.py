@@ -26,6 +26,7 @@ force_n = {FORCE_N}
 """
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/measured.md", "model, daemon and page show that unit")
 def test_a_contact_is_found_and_shown_in_the_unit_of_its_gauges(tmp_path: Path, open_page: OpenPage) -> None:
     scene = scene_of(loads_csv(30))

@@ -55,7 +55,7 @@ PARTS = [
     Case("opcua", "beamtouch_service.outputs.opcua.space", "Space", "require_same_axes", is_early=True, is_more=True),
     Case("opcua", "beamtouch_service.outputs.opcua.events", "EventSender", "describe", is_early=True, is_more=True),
     Case("opcua events", "beamtouch_service.outputs.opcua.events", "EventSender", "_send"),
-    Case("opcua", "beamtouch_service.outputs.opcua.door", "Sessions", "end_orphans"),
+    Case("opcua", "beamtouch_service.outputs.opcua.door", "Sessions", "end_orphans", is_more=True),
 ]
 
 

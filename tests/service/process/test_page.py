@@ -144,6 +144,7 @@ def test_what_is_announced_follows_the_contact_and_not_every_sample(fresh: Servi
     assert seen.page.title() == "Clear · press-7 · Beamtouch"
 
 
+@pytest.mark.soak
 def test_what_waited_while_the_page_slept_is_not_taken_for_new(fresh: Service, open_page: OpenPage) -> None:
     fresh.post(batch_of())
     seen = open_page(fresh.url, is_patient=False)

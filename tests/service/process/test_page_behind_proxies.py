@@ -149,6 +149,7 @@ def test_a_technician_commissions_below_the_path(start_bench: StartBench, below:
     assert json.loads(Path(waiting.value.path()).read_text())["by"] == "Ann"
 
 
+@pytest.mark.soak
 def test_the_page_of_several_services_below_a_path(
     start_service: StartService,
     build_model: BuildModel,
@@ -198,6 +199,7 @@ def test_programs_get_the_answers_of_the_service_through_nginx(fresh: Service, n
         assert next(one for one in events if one["contact"])["contact"]["position_mm"] == 150
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/how-to/proxy.md", "It keeps the token for its own path only.")
 def test_two_services_below_one_host_keep_a_token_each(
     start_service: StartService, nginx: Nginx, open_page: OpenPage, tmp_path: Path
@@ -257,6 +259,7 @@ def test_the_page_says_what_a_proxy_answers_in_place_of_the_service(
     assert seen.wrongs() == []
 
 
+@pytest.mark.soak
 def test_a_service_that_goes_and_comes_back_behind_the_proxy(
     fresh: Service, start_press: StartService, nginx: Nginx, open_page: OpenPage
 ) -> None:

@@ -107,6 +107,7 @@ def refusal(service: Service, token: str) -> dict[str, str]:
     return body
 
 
+@pytest.mark.soak
 def test_the_page_says_why_nothing_begins_and_what_others_did(start_press: StartService, open_page: OpenPage) -> None:
     service = start_press()
     seen = open_page(service.url)

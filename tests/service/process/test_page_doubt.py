@@ -94,6 +94,7 @@ def test_notes_stand_in_words(start_bench: StartBench, open_page: OpenPage) -> N
     assert seen.complaints == []
 
 
+@pytest.mark.soak
 def test_doubt_can_be_read_on_every_screen(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     bench.wedge(2)

@@ -267,6 +267,7 @@ def test_names_stay_as_they_are_whatever_they_are(start_bench: StartBench, open_
     seen.picture("page-german")
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/reference/page.md", "Below the page stand its language and the zone of its times.")
 def test_language_and_zone_are_chosen_below_and_stay_for_the_next_time(
     start_bench: StartBench, open_page: OpenPage

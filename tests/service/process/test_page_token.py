@@ -151,6 +151,7 @@ def test_nothing_is_shown_once_the_token_is_forgotten_even_without_an_answer(
     assert seen.page.evaluate(KEPT) == [0, 0]
 
 
+@pytest.mark.soak
 @pytest.mark.promise(
     "docs/reference/page.md",
     "it keeps it until “Forget token” is pressed in any window",
@@ -195,6 +196,7 @@ def test_a_service_that_comes_back_with_another_token(start_press: StartService,
     assert_open(seen)
 
 
+@pytest.mark.soak
 def test_the_form_and_the_button_fit_and_can_be_read(start_press: StartService, open_page: OpenPage) -> None:
     service = start_press(read=READ_TOKEN)
     service.post(batch_of())

@@ -88,6 +88,7 @@ class Day:
         return list(self.page()["entries"][::-1])
 
 
+@pytest.mark.soak
 @pytest.mark.promise("docs/reference/trail.md", "The record also says who changed what and when.")
 def test_twenty_changes_by_three_tokens_and_the_service_are_told_in_order(
     start_service: StartService, build_model: BuildModel, tmp_path: Path

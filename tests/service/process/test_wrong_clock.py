@@ -101,6 +101,7 @@ def test_what_was_recorded_before_the_clock_was_set_is_not_older_for_it(start: S
     assert "the clock was set forward by 40 days; events age as before" in errors
 
 
+@pytest.mark.soak
 def test_a_replica_with_a_wrong_clock_deletes_nothing(start: Start, tmp_path: Path, events_url: str) -> None:
     section = f"url = '{events_url}'"
     right = start(WrongClock(tmp_path, "+0"), section)
