@@ -23,7 +23,10 @@ GRID_MM = np.arange(1.0, 400.0)
 
 @dataclass
 class Searches:
-    """Stands for the paper's search: each ends at some positions, after steps with these scores."""
+    """Stands for the paper's searches: the first ends at some positions, and others where they began.
+
+    They have a step for each score but the first.
+    """
 
     end_mm: Sequence[int]
     scores: list[list[float]]
@@ -36,7 +39,7 @@ class Searches:
         scores = self.scores[len(self.starts)]
         self.starts.append(start)
         self.drawn.append(float(rng.random()))
-        steps = [EQUAL_MM] * (len(scores) - 1) + [self.end_mm]
+        steps = [EQUAL_MM] * (len(scores) - 1) + [self.end_mm if len(self.starts) == 1 else EQUAL_MM]
         return SearchRun(tuple(np.searchsorted(GRID_MM, step) for step in steps), tuple(scores), 1)
 
 
@@ -78,7 +81,7 @@ PLACES, PAIRS, SYMMETRIC, ITERATIONS = (
 def test_positions_agree_up_to_a_millimetre_and_their_symmetry_up_to_two(
     monkeypatch: pytest.MonkeyPatch, end_mm: list[int], off_mm: int, pair_mm: int, asymmetry_mm: int
 ) -> None:
-    fifth, _ = shown(monkeypatch, Searches(end_mm, [gaining(19, idle=4)]))
+    fifth, _ = shown(monkeypatch, Searches(end_mm, [gaining(19, idle=4), gaining(3)]))
     numbers = fifth.numbers
     assert [numbers[name] for name in ("off_mm", "pair_mm", "asymmetry_mm")] == [off_mm, pair_mm, asymmetry_mm]
     said = {PLACES: off_mm <= 1, PAIRS: pair_mm <= 1, SYMMETRIC: asymmetry_mm <= 2, ITERATIONS: True}
@@ -112,7 +115,8 @@ def test_searches_start_at_equal_pitch_each_with_a_seed_of_its_own(monkeypatch: 
     shown(monkeypatch, searches, seed=3)
     assert searches.drawn == [np.random.default_rng(seed).random() for seed in (3, 4, 5, 6)]
     for start in searches.starts:
-        ((layout,), (score,)) = start.layouts, start.scores
+        ((layout,), (score,), evaluations) = start.layouts, start.scores, start.evaluations
+        assert evaluations == 1
         assert GRID_MM[layout].tolist() == EQUAL_MM
         # Of the four largest eigenvalues.
         assert score == pytest.approx(np.log(eigenvalues(EQUAL_MM)[:4]).sum(), abs=1e-6)
@@ -149,7 +153,7 @@ def test_figure_5_has_a_track_for_each_sensor_and_the_papers_places_at_its_end(m
 def test_the_performance_falls_steadily_and_half_of_the_way_in_the_first_third(
     monkeypatch: pytest.MonkeyPatch, scores: list[float], half: int, falls: bool
 ) -> None:
-    _, sixth = shown(monkeypatch, Searches(PAPERS_MM, [scores]))
+    _, sixth = shown(monkeypatch, Searches(PAPERS_MM, [scores, gaining(4)]))
     numbers = sixth.numbers
     assert (numbers["half"], verdicts(sixth)) == (half, {"fig. 6: course of the performance value m": falls})
     # The inverse product of eigenvalues, of whose logarithm the score is the sum.

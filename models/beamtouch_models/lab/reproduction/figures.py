@@ -148,7 +148,7 @@ def figures_5_and_6(seed: int) -> tuple[Figure, Figure]:
     """
     surface = resolve(SCENE)
     product = eigenvalue_product_of(surface.influence, surface.rules, SENSORS, LEADING)
-    start = SearchRun((product.equal,), (float(product.scores(product.equal[None])[0]),), 1)
+    start = SearchRun((product.equal,), (product.scores(product.equal[None]).item(),), 1)
     seeds = range(seed, seed + OTHER_SEEDS + 1)
     runs = [paper_search(product, start, np.random.default_rng(run_seed)) for run_seed in seeds]
     iterations = [int(np.flatnonzero(np.diff(run.scores))[-1]) + 1 for run in runs]
