@@ -1,5 +1,6 @@
 """What the rig plays at each moment: the loads of its scripts, and the faults of `--fault`."""
 
+import io
 import re
 from pathlib import Path
 
@@ -10,7 +11,8 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.outline import Outline
 from beamtouch_models.design.scene import load_scene
 from beamtouch_models.lab.rig.faults import Faults
-from beamtouch_models.lab.rig.loads import Load, default_script, load_of, load_script
+from beamtouch_models.lab.rig.loads import ByHand, Load, default_script, load_of, load_script
+from support.running.waiting import wait_until
 from support.surfaces.example_scenes import SCENES
 
 TOUCH_MOVE_LIFT = """
@@ -294,3 +296,26 @@ def test_a_rig_that_cannot_hold_replies_back_plays_faults_of_sensors_only() -> N
     typed = Faults(["s1"])
     with pytest.raises(InputError, match="begins at once and ends with mend; leave out @"):
         typed.add("pause@1..2", 3.0)
+
+
+def test_what_is_typed_touches_lifts_or_is_a_fault_until_it_is_mended(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    faults = Faults(["s1", "s2"])
+    by_hand, told = ByHand(Outline.of_beam(400.0), faults), ""
+    typed = ("150 12.5", "lost:100", "stuck:s1@2..", "pause", "lift", "mend", "", "7 3")
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(typed)))
+    by_hand.follow(lambda: 3.0)
+
+    def has_taken_all() -> bool:
+        nonlocal told
+        told += capsys.readouterr().out
+        return told.count("\n") == len(typed) - 2  # two are wrong
+
+    wait_until(has_taken_all)
+    assert told.splitlines() == [
+        "12.5 N at 150 mm is on", "lost:100 is on", "pause is on", "no fault is on", "nothing is on",
+        "3 N at 7 mm is on",
+    ]  # fmt: skip
+    assert by_hand.at(0.0) == Load(7, 3)
+    assert (faults.pause_s(9.0), faults.delay_s(9.0)) == (0, 0)

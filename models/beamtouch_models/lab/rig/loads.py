@@ -181,7 +181,7 @@ class ByHand:
         if line == MEND:
             self._faults.mend()
             return "no fault is on"
-        if line.split(":", maxsplit=1)[0] in (*SENSORS, *REPLIES):
+        if line.partition(":")[0] in (*SENSORS, *REPLIES):
             self._faults.add(line, seconds)
             return f"{line} is on"
         self._load = load_of(line, self._outline)
