@@ -11,9 +11,9 @@ from coverage import CoverageData
 
 from faults.copies import ROOT
 from mutants.covering import Covering
-from mutants.equivalents import listed
+from mutants.equivalents import constants, listed, reason_of, tuned
 from mutants.forking import LONGEST_OUTPUT, Runner
-from mutants.positions import CallRemover, operators, positions_in, sample
+from mutants.positions import CallRemover, Mutant, operators, positions_in, sample
 
 CODE = '''"""Doubles."""
 HALF: int | None = 2
@@ -193,6 +193,45 @@ def test_forked_tests_see_the_code_as_it_is_then_and_whatever_they_do_the_next_o
 
 
 def test_the_list_of_equivalent_mutants_fits_the_tree() -> None:
-    gone = [one for one in listed() if (ROOT / one["file"]).read_text().count(one["before"]) != 1]
+    entries = listed("equivalent")
+    gone = [one for one in entries if (ROOT / one["file"]).read_text().count(one["before"]) != 1]
     assert gone == []
-    assert all(one["before"] != one["after"] and one["why"] for one in listed())
+    assert all(one["before"] != one["after"] and one["why"] for one in entries)
+
+
+def test_the_list_of_tuned_constants_fits_the_tree() -> None:
+    names = {file: constants((ROOT / file).read_text()) for file in {file for file, _ in tuned()}}
+    assert [(file, name) for (file, name) in tuned() if name not in names[file]] == []
+    assert all(tuned().values())
+    assert len(tuned()) == sum(len(one["constants"]) for one in listed("tuned"))
+
+
+TUNED = """DRAWS, FEWEST = 512, 3
+SMALL = 2.0**-30
+BYTES = 64 << 10
+SIZES = {1: (20, 1.0)}
+OTHER = 512
+
+@dataclass
+class Pace:
+    window: int = 40
+"""
+
+
+def test_a_number_of_a_tuned_constant_may_change_by_a_twentieth_of_its_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("DRAWS", "FEWEST", "SMALL", "BYTES", "SIZES", "window")
+    monkeypatch.setattr("mutants.equivalents.tuned", lambda: {("a.py", name): f"why {name}" for name in names})
+
+    def why(old: str, new: str, operator: str = "NumberReplacer") -> str | None:
+        text = TUNED.replace(old, new)
+        assert text != TUNED
+        return reason_of(Mutant("a.py", 1, 1, operator, old, new, text), TUNED)
+
+    assert why("DRAWS, FEWEST = 512", "DRAWS, FEWEST = 513") == "why DRAWS"
+    assert why("64 <<", "63 <<") == "why BYTES"
+    assert why("(20", "(21") == why("(20", "(19") == "why SIZES"
+    assert why("window: int = 40", "window: int = 41") == "why window"
+    for old, new in (("3", "2"), ("-30", "-29"), ("<< 10", "<< 9"), ("1:", "2:"), ("1.0", "2.0"), ("(20", "(22")):
+        assert why(old, new) is None, (old, new)
+    assert why("OTHER = 512", "OTHER = 513") is None
+    assert why("64 <<", "63 <<", "SomeOtherOperator") is None

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from faults.copies import PACKAGES, ROOT, Outcome, copy_tree
 from mutants.covering import Covering, collect
-from mutants.equivalents import reasons
+from mutants.equivalents import reason_of
 from mutants.forking import Runner
 from mutants.positions import Mutant, sample
 
@@ -121,11 +121,11 @@ async def _try_in(copy: Path, waiting: list[Mutant], covering: Covering) -> list
 
 async def _judge(copy: Path, runner: Runner, mutant: Mutant, covering: Covering) -> Judged:
     """Run the tests of a mutant until one fails."""
-    if why := reasons().get((mutant.file, mutant.before.strip(), mutant.after.strip())):
-        return Judged(mutant, EQUIVALENT, why, 0.0)
-    tests = covering.tests_of(mutant.file, mutant.line, mutant.last_line, TESTS_S)
     path = copy / mutant.file
     text = path.read_text()
+    if why := reason_of(mutant, text):
+        return Judged(mutant, EQUIVALENT, why, 0.0)
+    tests = covering.tests_of(mutant.file, mutant.line, mutant.last_line, TESTS_S)
     path.write_text(mutant.text)
     seconds = 0.0
     try:
