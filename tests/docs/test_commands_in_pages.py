@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from beamtouch_models.design.scene.schema import editor_schema
-from helps import PROGRAMS, all_helps
+from helps import PROGRAMS, all_helps, help_of
 from reference import FILES
 from support.pages.pasted import COMMANDS, ROOT, blocks_of
 
@@ -60,3 +60,24 @@ def test_every_file_that_a_page_writes_has_the_keys_of_its_kind(page: str) -> No
             if set(keys) == {"zones"}:  # a file for `explain --zones` has the zones of a surface
                 keys = {"surfaces": {"strip": keys}}
             assert any(kind.is_valid(keys) for kind in kinds.values()), f"{page}: {name}"
+
+
+SHOWN = re.findall(
+    r"^##+ ([a-z-]+)((?: [a-z-]+)?)\n\n```text\n(.*?)^```$",
+    (ROOT / "docs" / "reference" / "commands.md").read_text(),
+    re.MULTILINE | re.DOTALL,
+)
+
+
+@pytest.mark.parametrize(("program", "command", "text"), SHOWN, ids=[f"{one}{other}" for one, other, _ in SHOWN])
+def test_the_page_of_the_commands_shows_what_help_prints(
+    monkeypatch: pytest.MonkeyPatch, program: str, command: str, text: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", "96")
+    monkeypatch.setenv("NO_COLOR", "1")
+    # Each version of Python breaks lines in its own way.
+    assert help_of(PROGRAMS[program], *command.split()).split() == text.split()
+
+
+def test_the_page_of_the_commands_shows_all_of_them() -> None:
+    assert [f"{program}{command}" for program, command, _ in SHOWN] == list(helps())

@@ -49,8 +49,10 @@ from beamtouch_service.record.database.write_ahead import MAX_BYTES, WARN_BYTES
 from beamtouch_service.record.events.boot_record import MAX_CAPTURED, MAX_WAITING
 from beamtouch_service.record.events.load import MAX_STAYS
 from beamtouch_service.record.reading.readers import MAX_ANSWERS
+from beamtouch_service.record.trail import pending
 from beamtouch_service.samples import MAX_SAMPLES, Note
 from beamtouch_service.sections import ServerSection, SurfaceSection
+from beamtouch_service.surfaces import comparison
 from beamtouch_service.surfaces.follower import PAUSE
 from beamtouch_service.surfaces.freshness import WINDOW_S
 from support.pages.pasted import ROOT, blocks_of
@@ -220,7 +222,8 @@ STATED = {
     "docs/how-to/opcua.md": [
         f"at most {door.MAX_WAITING} values of a variable",
         f"{door.MAX_CONNECTIONS} connections, {door.MAX_SUBSCRIPTIONS} subscriptions and {door.MAX_ITEMS} subscribed",
-        f"at most {door.MAX_OPERATIONS} nodes in a request, {door.MAX_BROWSED} to browse",
+        f"at most {door.MAX_OPERATIONS} nodes in a request, {door.MAX_BROWSED} to browse, "
+        f"or 20 paths of {door.MAX_ELEMENTS} elements in all",
         f"messages of {door.MAX_MESSAGE_BYTES >> 20} MiB",
         f"more than {door.MAX_PENDING} requests wait",
         f"after at most {door.MAX_KEEP_ALIVE} publishing intervals",
@@ -232,6 +235,9 @@ STATED = {
         f"Bit {Note.DEGRADED.bit} of `notes`, `degraded`",
         f"from `state` {PROBLEMS} on",
         f"reads offsets 0 to {LAST}",
+    ],
+    "docs/how-to/rollout.md": [
+        f"null before {comparison.ENOUGH_SAMPLES} samples, {comparison.ENOUGH_TOUCHED} of which at least one",
     ],
     "docs/how-to/troubleshooting.md": [
         f"`state` {code(Kind.STALE)} (`no-samples`: {code(Kind.NO_SAMPLES)})",
@@ -315,6 +321,7 @@ STATED = {
     ],
     "docs/reference/rig.md": [f"({100 * DAMPING_RATIO:g} % of critical if it states none)"],
     "docs/reference/sensor-health.md": [f"within {WORDS[changes.DRIFT]} times the drift that the scene states"],
+    "docs/reference/trail.md": [f"than are watched ({pending.MOST_STATES}); once an hour"],
     "firmware_protocol/PROTOCOL.md": [
         f"asks for {traffic.BOOT_S:g} s after the opening, and for {board.HELLO_TIMEOUT_S:g} s later on",
         f"double from {board.REPEAT_S:g} s up to {board.MAX_REPEAT_S:g} s",
