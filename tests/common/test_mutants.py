@@ -117,7 +117,7 @@ def test_quick_tests_of_a_line_come_first_and_all_tests_of_the_file_for_a_consta
 
     assert names(9, 9) == ["quick", "slow"]
     assert names(7, 7) == ["other"]
-    assert names(2, 2) == ["reads", "quick", "other", "slow"]
+    assert names(2, 2) == ["reads", "quick", "slow", "other"]
     assert names(9, 9, at_most_s=1.0) == ["quick"]
     assert covering.tests_of("common/beamtouch_common/unknown.py", 1, 1, 60.0) == []
 

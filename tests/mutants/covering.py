@@ -12,7 +12,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from itertools import chain, zip_longest
 from pathlib import Path
 
@@ -72,46 +72,85 @@ class Covering:
     def tests_of(self, file: str, first: int, last: int, at_most_s: float) -> list[str]:
         """Return the tests of lines of a file, what is quick and narrow first, as many as take `at_most_s` together.
 
-        Lines that run at import, such as constants, have all tests of the file, and those in files that import from it:
-        who reads a constant runs no line of its file.
+        Lines that run at import, such as constants, have all tests of the file. Those in files that import from it come
+        first, as who reads a constant runs no line of its file, and those that run a line with the constant's name.
         """
         lines = self.lines_of(file)
         # A test that is the first to import a file runs its constants; they matter to all tests that use it.
         called = _lines_of_calls((self._root / file).read_text()) if lines else set()
         found = set(chain.from_iterable(lines.get(line, ()) for line in range(first, last + 1) if line in called))
-        readers = list[str]()
+        readers, users = list[str](), set[str]()
         if not found:
             found = set(chain.from_iterable(lines.values()))
+            users = self._naming(file, first, last) if lines else set()
             readers = sorted(self._importing(file), key=lambda test: (self._seconds[test], test))
         ran = defaultdict[str, int](int)
         for tests in lines.values():
             for test in tests:
                 ran[test] += 1
-        # A test that runs much of this file is one of its own.
-        ranked = sorted(found, key=lambda test: ((self._seconds[test] + 0.1) / (1 + ran[test]) ** 0.5, test))
+
+        def ranked(tests: Set[str]) -> list[str]:
+            # A test that runs much of this file is one of its own.
+            return sorted(tests, key=lambda test: ((self._seconds[test] + 0.1) / (1 + ran[test]) ** 0.5, test))
+
         chosen, seconds = dict[str, None](), 0.0
-        # Readers of a constant have half of the time at most.
+        # Readers of a constant have a third of the time at most, and those that run lines with its name another one.
         for test, limit_s in chain(
-            ((one, at_most_s / 2) for one in readers), ((one, at_most_s) for one in _alternating(ranked))
+            ((one, at_most_s / 3) for one in readers),
+            ((one, at_most_s * 2 / 3) for one in _alternating(ranked(users))),
+            ((one, at_most_s) for one in _alternating(ranked(found))),
         ):
             if test not in chosen and (seconds + self._seconds[test] <= limit_s or not chosen):
                 chosen[test] = None
                 seconds += self._seconds[test]
         return list(chosen)
 
+    def _naming(self, file: str, first: int, last: int) -> set[str]:
+        """Return the tests that run a line with the name of a constant of these lines, here or where it is imported."""
+        names = _assigned_at((self._root / file).read_text(), first, last)
+        imports = _imports_of(file)
+        tests = set[str]()
+        for other in self._paths:
+            text = path.read_text() if (path := self._root / other).is_file() else ""
+            if other == file or imports.search(text):
+                named = {
+                    node.lineno
+                    for node in ast.walk(ast.parse(text))
+                    if (isinstance(node, ast.Name) and node.id in names)
+                    or (isinstance(node, ast.Attribute) and node.attr in names)
+                }
+                lines = self.lines_of(other)
+                tests.update(*(lines.get(line, ()) for line in named & _lines_of_calls(text)))
+        return tests
+
     def _importing(self, file: str) -> set[str]:
         """Return the tests in files that import a file of the packages, or something from it."""
-        _, *module = Path(file.removesuffix("/__init__.py").removesuffix(".py")).parts
-        name = module[-1]
-        whole, above = (re.escape(".".join(parts)) for parts in (module, module[:-1]))
-        imports = re.compile(
-            rf"^ *(from {whole} import|import {whole}\b|from {above} import .*\b{name}\b)", re.MULTILINE
-        )
+        imports = _imports_of(file)
         files = {test.partition("::")[0] for test in self._seconds}
         readers = {
             one for one in files if (self._root / one).is_file() and imports.search((self._root / one).read_text())
         }
         return {test for test in self._seconds if test.partition("::")[0] in readers}
+
+
+def _imports_of(file: str) -> re.Pattern[str]:
+    """Return what matches an import of a file of the packages, or of something from it."""
+    _, *module = Path(file.removesuffix("/__init__.py").removesuffix(".py")).parts
+    whole, above = (re.escape(".".join(parts)) for parts in (module, module[:-1]))
+    return re.compile(
+        rf"^ *(from {whole} import|import {whole}\b|from {above} import .*\b{module[-1]}\b)", re.MULTILINE
+    )
+
+
+def _assigned_at(text: str, first: int, last: int) -> set[str]:
+    """Return the names that these lines of a file assign at import."""
+    return {
+        target.id
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= last and (node.end_lineno or 0) >= first
+        for target in ast.walk(node)
+        if isinstance(target, ast.Name) and isinstance(target.ctx, ast.Store)
+    }
 
 
 def _lines_of_calls(text: str) -> set[int]:
