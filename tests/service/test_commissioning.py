@@ -180,6 +180,17 @@ def test_several_people_cannot_undo_each_others_steps(commissioning: Commissioni
     assert kind(commissioning.act(f"/skip?run={run_id}&step=0")) == "other-commissioning"
 
 
+def test_a_commissioning_that_is_not_at_its_end_says_how_many_steps_are_left(commissioning: Commissioning) -> None:
+    commissioning.send(RESTING)
+    begun = commissioning.act().json()["run"]
+    number = begun["steps"]
+    for step in range(number):
+        refusal = commissioning.act(f"/confirm?run={begun['id']}&by=Ann").json()["detail"]
+        assert refusal == f"Steps that are left: {number - step}. Do them, skip them, or abandon it."
+        commissioning.act(f"/skip?run={begun['id']}&step={step}")
+    assert commissioning.act(f"/confirm?run={begun['id']}&by=Ann").status_code == 200
+
+
 @pytest.mark.promise(
     "docs/how-to/commission-on-the-page.md",
     "When another daemon sends, the beam must lie still first.",

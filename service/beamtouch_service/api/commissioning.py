@@ -153,7 +153,7 @@ async def post_commissioning_confirm(
     """Put the result on record, once every step is done."""
     run = context.commissioning_runs.require(context.registry.named(name).name, run_id)
     if not run.is_done:
-        detail = f"{run.steps - run.step} steps are left. Do them, skip them, or abandon it."
+        detail = f"Steps that are left: {run.steps - run.step}. Do them, skip them, or abandon it."
         raise ProblemError(Problem(Kind.OTHER_COMMISSIONING, detail, name))
     report = run.report.model_copy(update={"ended_at": rfc3339(_now_us()), "by": by})
     with context.commissioning_runs.confirm(run):

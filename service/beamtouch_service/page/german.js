@@ -379,7 +379,7 @@ export const SERVICE = {
   // what the service answers to a wrong request, and of the wiring
   "Every step is done.": "Alle Schritte sind erledigt.",
   "Confirm the result.": "Bestätigen Sie das Ergebnis.",
-  "{} steps are left.": "Noch offene Schritte: {}.",
+  "Steps that are left: {}.": "Noch offene Schritte: {}.",
   "Do them, skip them, or abandon it.": "Führen Sie sie aus, überspringen Sie sie oder brechen Sie ab.",
   "It was abandoned.": "Sie wurde abgebrochen.",
   "It has been confirmed or abandoned, or the service was restarted.":
