@@ -126,6 +126,8 @@ def rewritten(source: Path, target: Path, key: str, value: str | None) -> Path:
         ("noise", '{"reading_mm": 1, "sample_mm": -1e-9}', "noise.sample_mm: must be at least 0"),
         ("noise", '{"reading_mm": "1", "sample_mm": true}', "noise.reading_mm: must be a number"),
         ("length_mm", '"long"', "length_mm: "),
+        ("length_mm", "1e999", "length_mm: must be a finite number"),
+        ("max_deflection_mm", "1e999", "max_deflection_mm: must be a finite number"),
         ("axes", "[]", "axes: must have at least 1 "),
         ("axes", '["x", "y", "x"]', "axes: must have at most 2 "),
         ("layout", "[]", "layout: "),

@@ -21,9 +21,9 @@ def is_none(value: object) -> bool:
 
 
 class MetadataPart(BaseModel):
-    """A part of the metadata. It is immutable, and unknown fields are refused."""
+    """A part of the metadata. It is immutable; unknown fields and numbers that are not finite are refused."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
     def __repr__(self) -> str:
         """Return the fields with rounded numbers."""
