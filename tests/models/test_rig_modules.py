@@ -9,6 +9,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_models.lab.rig.devices import Module
 from beamtouch_models.lab.rig.faults import Faults
 from beamtouch_models.lab.rig.lines import Relay
+from support.programs.in_process import Command
 
 ORDERS = {
     "ABCD": [0x1234, 0x5678, 0x9ABC, 0xDEF0],
@@ -44,6 +45,16 @@ def test_the_bytes_of_two_registers_come_in_the_stated_order(order: str) -> None
 def test_counts_have_the_form_of_their_type(kind: str, order: str, registers: list[int]) -> None:
     """4660 is 1.1377 x 2^12, and 3 is 1.5 x 2: their IEEE 754 forms by hand."""
     assert Module(type=kind, byte_order=order).registers_of([4660, 3]) == registers
+
+
+def test_a_module_is_what_the_help_says_unless_it_is_told_otherwise(rig_here: Command) -> None:
+    said = " ".join(rig_here("--help").stdout.split()).partition("registers of the Modbus module")[2]
+    default = Module()
+    for option, value in (
+        ("unit", default.unit), ("function", default.function), ("register", default.register), ("type", default.type),
+        ("byte-order", default.byte_order),
+    ):  # fmt: skip
+        assert f"(default: {value})" in said.partition(f"--{option} ")[2].partition(" --")[0], option
 
 
 def test_the_last_register_of_a_module_is_65535() -> None:

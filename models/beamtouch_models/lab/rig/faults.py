@@ -24,8 +24,8 @@ class Fault:
 
     word: str
     channels: tuple[int, ...] = ()
-    amount: float = 0.0
-    """Percentage of the replies that are lost, or delay of the replies in ms."""
+    amount: float = math.nan
+    """Percentage of the replies that are lost, or delay of the replies in ms; NaN for other faults."""
     begin_s: float = 0.0
     end_s: float = math.inf
     period_s: float = math.inf
@@ -133,7 +133,7 @@ def _amount(word: str, argument: str) -> float:
     if limit is None:
         if argument:
             raise ValueError(f"give times instead, as in {word}@10..12")
-        return 0.0
+        return math.nan
     name, largest = limit
     try:
         amount = float(argument[1:])
