@@ -66,11 +66,11 @@ class Line:
         return messages
 
 
-def streamed(line: Line, start: Start, count: int) -> list[Reading]:
+def streamed(line: Line, start: Start, count: int, after_s: float = 0.0) -> list[Reading]:
     async def stream() -> list[Message]:
         async with line.served():
             await line.received(1)
-            line.now_s += 4294.9672
+            line.now_s += after_s
             return await line.received(count, start)
 
     messages = asyncio.run(asyncio.wait_for(stream(), 60))[:count]
@@ -84,7 +84,7 @@ def test_readings_come_in_slots_of_the_rate_and_those_that_are_missed_have_numbe
 ) -> None:
     """At 500 Hz: the second conversion takes 12.3 ms, so that five slots are missed and the next reading is late."""
     line = Line(monkeypatch, 0.0003, 0.0123, 0.0003)
-    readings = streamed(line, Start(500, 1), 5)
+    readings = streamed(line, Start(500, 1), 5, after_s=4294.9672)
     assert [one.sequence for one in readings] == [0, 1, 7, 8, 9]
     assert line.slept_s[:4] == pytest.approx([0.0017, 0.0, 0.0014, 0.0017], abs=1e-9)
     # The clock of the device began with it, and starts anew after 2^32 us.
