@@ -67,6 +67,7 @@ FAULT = replace(GOOD, honest=False, noticed=0.8, power=1.0)
         (replace(GOOD, samples=2_000, plays=400, ghosts=0.01), []),  # 4 draws, where 2 are allowed
         (replace(GOOD, quiet=False, noted=0.04), []),
         (FAULT, ["noticed 80% of 100%"]),
+        (replace(FAULT, noticed=0.3), ["noticed 30% of 100%"]),
         (replace(FAULT, power=0.85), []),
         (replace(FAULT, noticed=0.0, power=0.5), []),
     ],

@@ -229,12 +229,18 @@ def test_readings_are_lost_at_random_but_none_that_is_judged(surface: SimulatedS
         assert names_in(play) == [f"{name}, {share:.0%} lost"]
 
 
-def test_a_play_at_one_rate_has_more_of_the_same_readings_at_another(surface: SimulatedSurface) -> None:
-    """The state of a surface looks back at the window of its filter twice, and at a slow swing."""
-    slow = replace(surface, slowest_period=surface.slowest_period + 3)
-    assert slow.decided == surface.decided + 3
-    assert slow.look_back == surface.look_back + 3
-    assert surface.decided >= 2 * surface.metadata.filter.window + surface.slowest_period
+def test_a_surface_looks_back_at_two_windows_of_its_filter_and_at_a_whole_swing(surface: SimulatedSurface) -> None:
+    def decided(period: float, more: int = 0) -> int:
+        chosen = surface.metadata.filter
+        filtered = chosen.model_copy(update={"window": chosen.window + more})
+        metadata = surface.metadata.model_copy(update={"filter": filtered})
+        return replace(surface, metadata=metadata, slowest_period=period).decided
+
+    still = decided(0.0)
+    assert [decided(period) - still for period in (0.2, 1.0, 12.5, 30.0)] == [1, 1, 13, 30]
+    assert [decided(0.0, more) - still for more in (1, 5)] == [2, 10]
+    assert still > 2 * surface.metadata.filter.window
+    assert surface.look_back == surface.decided + surface.metadata.filter.max_readings
 
 
 def test_nothing_is_said_of_readings_before_the_first_that_counts(bench: ModelFile, surface: SimulatedSurface) -> None:

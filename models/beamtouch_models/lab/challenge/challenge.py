@@ -144,7 +144,7 @@ def rows_of(model: ModelFile, surface: SimulatedSurface, case: Case, draws: int,
     surface = replace(surface, world=surface.world.draw(rng))
     play = case.make(DrawnContacts.of(surface, draws, rng))
     readings = surface.world.readings(play.deflection_mm, play.errors, rng)
-    first = max(0, min(reading for _, reading in play.rows) - surface.decided)
+    first = min(reading for _, reading in play.rows) - surface.decided
     verdicts = judge(surface, model.run, readings, first, lost=play.lost)
     # The rate of false misfits of single samples is that of the test that knows what happened.
     stated = ForceRange(*surface.metadata.ranges.force_n)

@@ -200,7 +200,7 @@ def lossy(at: DrawnContacts, *, make: Make, share: float) -> Play:
     play = make(at)
     lost = at.rng.random(play.deflection_mm.shape[:2]) < share
     lost[:, [reading for _, reading in play.rows]] = False
-    names = {name for name, _ in play.rows}
-    subject = names.pop() if len(names) == 1 else play.rows[0][0].split(",")[0]
+    name, *others = {name for name, _ in play.rows}
+    subject = name.partition(",")[0] if others else name
     rows = tuple((f"{subject}, {share:.0%} lost", reading) for _, reading in play.rows)
     return replace(play, rows=rows, lost=lost)
