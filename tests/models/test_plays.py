@@ -216,6 +216,20 @@ def test_a_gap_is_judged_after_its_end(surface: SimulatedSurface, since_s: float
     assert length >= surface.look_back + round((since_s or 0.0) * RATE_HZ) + gap + 10
 
 
+def test_gaps_come_with_the_change_of_load_or_a_tenth_of_a_second_later_or_while_a_load_moves_at_100_mm_per_s(
+    surface: SimulatedSurface,
+) -> None:
+    makes = [case.make for case in contacts.lossy_cases(surface)]
+    gaps = [one.keywords for one in makes if isinstance(one, partial) and one.func is contacts.interrupted]
+    since_s = {(one["when"], one.get("since_s")) for one in gaps}
+    assert since_s == {
+        ("at rest", None), ("at a touch", 0.0), ("at a sudden force", 0.0), ("while it rings", 0.1),
+        ("while the load moves", None),
+    }  # fmt: skip
+    moving = [one["make"].keywords for one in gaps if one["when"] == "while the load moves"]
+    assert moving == [{"speed_mm_per_s": 100.0, "motion": contacts.KEEPS}] * 3
+
+
 @pytest.mark.parametrize("share", [0.1, 0.3])
 def test_readings_are_lost_at_random_but_none_that_is_judged(surface: SimulatedSurface, share: float) -> None:
     for make, name in ((contacts.touched, "touch"), (contacts.rested, "touch, settled")):
