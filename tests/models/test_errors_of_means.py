@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
@@ -17,6 +18,7 @@ from beamtouch_models.design.world import World
 from beamtouch_models.places import Extent, positions_of
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.metadata_parts import FilterChoice
+from beamtouch_models.runtime.session import Answers
 from support.surfaces.example_scenes import SCENES
 
 PER_MM = 1e4
@@ -33,7 +35,8 @@ class Plain(World):
 
     def under(self, position_mm: Floats | float, force_n: Floats | float) -> Floats:
         """Return what the sensors show."""
-        return shown(np.asarray(position_mm)[..., None]) * np.asarray(force_n)[..., None]
+        deflections: Floats = shown(np.asarray(position_mm)[..., None]) * np.asarray(force_n)[..., None]
+        return deflections
 
     @property
     def reading_mm(self) -> float:
@@ -41,7 +44,7 @@ class Plain(World):
         return 0.002
 
 
-def run(deflection_mm: Floats, _whitening: Floats) -> dict[str, Floats]:
+def run(deflection_mm: NDArray[np.floating], _whitening: NDArray[np.floating]) -> Answers:
     return {"position_mm": 100 + PER_MM * deflection_mm[:, 1]}
 
 
