@@ -82,6 +82,5 @@ def beyond_mm(surface: SimulatedSurface) -> Floats:
 
 def _plate_of(at: DrawnContacts) -> Plate:
     plate = at.surface.world.structure
-    if not isinstance(plate, Plate):
-        raise TypeError("this case is one of plates")
+    assert isinstance(plate, Plate)  # noqa: S101  # there is no such case of a beam
     return plate

@@ -221,8 +221,8 @@ async def start_board(board: Path, elf: Path, line: Path, outputs: Callable[[], 
     remove_left_behind(line)
     process = await asyncio.create_subprocess_exec(str(board), str(elf), "--link", str(line), stdin=PIPE, stdout=PIPE)
     voltages, announced = process.stdin, process.stdout
-    if voltages is None or announced is None:
-        raise AssertionError("the board has no standard input and output")
+    assert voltages is not None  # noqa: S101  # it is a pipe, as the other one
+    assert announced is not None  # noqa: S101
     if not await announced.readline():
         voltages.close()
         await process.wait()  # the board has closed its output, so it is about to end
@@ -234,10 +234,10 @@ async def start_board(board: Path, elf: Path, line: Path, outputs: Callable[[], 
                 voltages.write((" ".join(map(_millivolts, outputs())) + "\n").encode())
                 await voltages.drain()
                 await asyncio.sleep(_UPDATE_S)
-        except (BrokenPipeError, ConnectionResetError):
+        except ConnectionError:
             pass
         finally:
-            with suppress(BrokenPipeError, ConnectionResetError):
+            with suppress(ConnectionError):
                 voltages.close()  # this ends the board
             await process.wait()
         raise SceneError("the simulated board ended unexpectedly")
@@ -247,5 +247,5 @@ async def start_board(board: Path, elf: Path, line: Path, outputs: Callable[[], 
 
 def _millivolts(output: float) -> str:
     """Return the voltage of an output, half a count higher: the chip's ADC rounds down, the rig's to the nearest."""
-    full_scale = 2**ADC_BITS - 1
-    return str(round(min((output * full_scale + 0.5) / full_scale, 1.0) * SUPPLY_MV))
+    half_count = 0.5 / (2**ADC_BITS - 1)
+    return str(round(min(output + half_count, 1.0) * SUPPLY_MV))
