@@ -86,6 +86,18 @@ def test_where_each_quality_begins(channel: dict[str, object], counts: float, ex
     assert QUALITIES[code] is expected
 
 
+def test_a_deflection_changes_with_a_count_by_the_slope_there_in_the_direction_of_the_load() -> None:
+    channels = [CHANNEL | kind | {"name": f"s{at}", "register": at} for at, kind in enumerate((TABLED, LINE, TABLED))]
+    of_gaps = Characteristic.of(surface_of(channels=channels))
+    assert of_gaps.mm_per_count(np.array([499.0, 7.0, 1500.0])).tolist() == pytest.approx([0.002, 0.001, 0.0005])
+    assert of_gaps.mm_per_count(np.array([3501.0, math.nan, 1499.0])).tolist() == [
+        pytest.approx(0.0005),
+        pytest.approx(math.nan, nan_ok=True),
+        pytest.approx(0.002),
+    ]
+    assert of(LINE | {"value_unit": "uT"}).mm_per_count(np.array([7.0])).tolist() == [-0.001]  # no gap
+
+
 VOLTS: dict[str, object] = {"gain_mm_per_count": 0.3, "offset_mm": 1.0}
 """0 to 10 V for 1 to 4 mm, 5 V at rest."""
 MILLIVOLTS = VOLTS | {"gain_mm_per_count": 0.0003}

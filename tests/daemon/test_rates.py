@@ -59,10 +59,17 @@ def test_a_new_session_starts_a_new_measurement_and_the_verdict_stays() -> None:
     assert meter.measured_hz == pytest.approx(10.0)
 
 
+def test_readings_that_arrive_together_count_as_those_that_come_one_by_one() -> None:
+    meter = RateMeter(20.0, is_polled=False)
+    assert not meter.add([Reading(7.0 + number / 12.5, (1.0,)) for number in range(20)])
+    assert meter.measured_hz == pytest.approx(12.5)  # of 1.52 s, which would have brought more than 20 readings
+    assert meter.add([Reading(7.0 + number / 12.5, (1.0,)) for number in range(20, 60)])
+
+
 @pytest.mark.parametrize(
     ("meter", "said"),
     [
-        (meter_of(38.5, 40.0, is_polled=False), "38.5 readings per second, within 10 % of rate_hz = 40"),
+        (meter_of(38.516, 40.0, is_polled=False), "38.52 readings per second, within 10 % of rate_hz = 40"),
         (
             meter_of(10.0, 40.0, is_polled=False),
             "the device sends 10 readings per second, rate_hz is 40: filter windows last 4 times longer than "
@@ -84,6 +91,16 @@ def test_a_new_session_starts_a_new_measurement_and_the_verdict_stays() -> None:
             "set rate_hz to 9.5 or less",
         ),
         (
+            meter_of(13.5678, 321.5, is_polled=True, lost=23),
+            "only 13.57 of 321.5 readings per second could be polled: means are of 24 times fewer readings than "
+            "configured; set rate_hz to 13 or less",
+        ),
+        (
+            meter_of(13.5678, 321.5, is_polled=False),
+            "the device sends 13.57 readings per second, rate_hz is 321.5: filter windows last 24 times longer than "
+            "configured; set rate_hz = 14 or correct the device",
+        ),
+        (
             meter_of(10.0, 40.0, is_polled=True, lost=3, failed=1),  # 10 of the 30 that are missing
             "only 10 of 40 readings per second could be polled: means are of 4 times fewer readings than configured; "
             "set rate_hz to 19 or less",
@@ -99,7 +116,18 @@ def test_a_new_session_starts_a_new_measurement_and_the_verdict_stays() -> None:
             "configured; mend what fails, as a lower rate_hz does not help",
         ),
     ],
-    ids=["it fits", "slow", "quick", "very slow", "polled", "some fail", "nearly half fail", "half fail"],
+    ids=[
+        "it fits",
+        "slow",
+        "quick",
+        "very slow",
+        "polled",
+        "many digits",
+        "many digits of a device",
+        "some fail",
+        "nearly half fail",
+        "half fail",
+    ],
 )
 def test_a_rate_is_told_with_what_to_set(meter: RateMeter, said: str) -> None:
     assert str(meter) == said

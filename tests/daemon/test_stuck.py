@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from beamtouch_daemon.processing.stuck import Runs, longest_run, longest_runs
+from beamtouch_daemon.processing.stuck import Runs, longest_run, longest_runs, steps_mm
 
-from .surfaces import surface_of
+from .surfaces import STEP_MM, surface_of
 
 
 def stated(noise_counts: float) -> float:
@@ -57,3 +57,18 @@ def test_a_stated_time_overrides_the_noise_and_the_steepest_piece_counts() -> No
     for timed, noise_mm, run in ((None, 0.3 * stated(2.0), 18), (251.0, 0.3 * stated(2.0), 51), (251.0, None, 51)):
         surface = surface_of(1, table | {"stuck_after_ms": timed}, noise_mm=noise_mm)
         assert longest_runs(surface).tolist() == [run]
+
+
+@pytest.mark.parametrize(
+    ("stuck_after_ms", "run"),
+    [(0.01, 1), (5.0, 1), (5.1, 2), (15.0, 3), (3_000_001.0, 600_001)],
+)
+def test_a_stated_time_is_taken_in_readings_of_which_the_last_is_begun(stuck_after_ms: float, run: int) -> None:
+    assert longest_runs(surface_of(1, {"stuck_after_ms": stuck_after_ms})).tolist() == [run]
+
+
+def test_a_count_of_a_fractional_number_is_as_large_as_the_noise_and_no_finer_than_its_digits() -> None:
+    floats = {"type": "f32", "range_mm": [2.25, 2.75]}  # 17 500 to 22 500 counts, with steps of 2**-9
+    assert steps_mm(surface_of(1), 0.003).tolist() == pytest.approx([STEP_MM])
+    assert steps_mm(surface_of(1, floats), 0.003).tolist() == [0.003]
+    assert steps_mm(surface_of(1, floats), 0.0).tolist() == pytest.approx([2 * 2 * 2.0**-9 * STEP_MM])

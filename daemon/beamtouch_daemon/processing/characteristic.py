@@ -84,17 +84,13 @@ class Characteristic:
         if self.counts.shape[1] == 1:  # without a table: the same result, faster
             lines: FloatArray = self.gaps.ravel() + self.slopes.ravel() * (counts - self.counts.ravel())
             return lines
-        piece = (counts[..., np.newaxis] >= self.counts[:, 1:]).sum(axis=-1)
-        channel = np.arange(len(self.counts))
-        begin, gap, slope = (of[channel, piece] for of in (self.counts, self.gaps, self.slopes))
+        begin, gap, slope = (self._at(counts, of) for of in (self.counts, self.gaps, self.slopes))
         gaps: FloatArray = gap + slope * (counts - begin)
         return gaps
 
     def mm_per_count(self, counts: FloatArray) -> FloatArray:
         """Return the change of each deflection with a count, at these counts (channels,); NaN stays NaN."""
-        piece = (counts[:, np.newaxis] >= self.counts[:, 1:]).sum(axis=-1)
-        along = self.towards * self.slopes[np.arange(len(counts)), piece]
-        slopes: FloatArray = np.where(np.isnan(counts), np.nan, along)
+        slopes: FloatArray = np.where(np.isnan(counts), np.nan, self.towards * self._at(counts, self.slopes))
         return slopes
 
     def deflection(self, gap: FloatArray) -> FloatArray:
@@ -118,6 +114,12 @@ class Characteristic:
         codes[~converted] = _CODE[Quality.SATURATED]
         codes[np.isnan(counts)] = _CODE[Quality.MISSING]
         return codes
+
+    def _at(self, counts: FloatArray, values: FloatArray) -> FloatArray:
+        """Return which of the values of the pieces (channels, pieces) counts have, shape (..., channels) as theirs."""
+        piece = (counts[..., np.newaxis] >= self.counts[:, 1:]).sum(axis=-1)
+        chosen: FloatArray = values[np.arange(len(values)), piece]
+        return chosen
 
 
 def _rows(ragged: Sequence[Sequence[float]]) -> FloatArray:

@@ -93,8 +93,8 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
         return [UNKNOWN] * samples
     variance = filtered.relative_variance
     # False for NaN; the usual case, in half the time.
-    if not filtered.uncertain.any() and variance.min() == variance.max():
-        return [Uncertainty(round(1 / variance[0, 0]), None)] * samples
+    if not filtered.uncertain.any() and (least := variance.min()) == variance.max():
+        return [Uncertainty(round(1 / least), None)] * samples
     number = np.rint(filtered.readings)  # NaN stays NaN
     differs = variance * number[:, np.newaxis] > PLAIN  # False for NaN
     results = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]

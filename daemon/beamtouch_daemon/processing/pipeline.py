@@ -162,7 +162,7 @@ class Pipeline:
         newest_mm: FloatArray,
         counts: FloatArray,
     ) -> Filtered:
-        """Return the means after all readings, or only that after the last one if nothing happens up to it.
+        """Return the means after all readings, or only that after the last one if nothing happened before and up to it.
 
         `newest_mm` and `counts` are those of the last reading.
         """
@@ -179,8 +179,7 @@ class Pipeline:
             self._chain.state = before
             return self._chain.apply(values_mm, lost, times)
         filtered = self._chain.apply(values_mm, lost, times)
-        if self._rest.follow(filtered, good, newest_mm, counts, mm_per_count):
-            return filtered.at(np.array([len(filtered.moves) - 1]))
+        self._rest.follow(filtered, good, newest_mm, counts, mm_per_count)
         return filtered
 
 

@@ -38,7 +38,7 @@ def longest_runs(surface: Surface) -> FloatArray:
         [
             longest_run(noise_mm / step_mm, surface.rate_hz)
             if channel.stuck_after_ms is None
-            else max(1.0, math.ceil(channel.stuck_after_ms * surface.rate_hz / 1e3))
+            else math.ceil(channel.stuck_after_ms * surface.rate_hz / 1e3)
             for channel, step_mm in zip(surface.channels, steps_mm(surface, noise_mm).tolist(), strict=True)
         ]
     )
