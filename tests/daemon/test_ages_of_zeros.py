@@ -1,5 +1,6 @@
 """How old a tare and kept zeros are, and of which sensors they are."""
 
+import asyncio
 import json
 import logging
 import math
@@ -13,11 +14,14 @@ from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.tare_file import TareFile
+from beamtouch_daemon.running import kept_zeros
 from beamtouch_daemon.running.daemon import _tared
 from beamtouch_daemon.running.kept_zeros import KeptZeros, SurfaceZeros, surface_zeros
+from beamtouch_daemon.tasks import cancel
 from beamtouch_models.filters import TARED, Rested
 
 from .surfaces import surface_of
+from .waits import until
 
 NOW = datetime(2026, 3, 5, 12, 0, 7, tzinfo=UTC)
 
@@ -201,6 +205,44 @@ def test_a_damaged_file_of_zeros_or_one_that_cannot_be_read_is_said(
         f"{damaged}: damaged; the zeros of before are not known",
         f"{folder}: Is a directory; the zeros of before are not known",
     ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"rested_s":', '"rested_s": "5", "rested":'),
+        ('"rested_s":', '"more": 1, "rested_s":'),
+        ('"surfaces":', '"more": 1, "surfaces":'),
+        ('"started":"', '"started":7,"x":"'),
+        ("0.002", "-0.002"),
+        ("0.01", '"0.01"'),
+        ("-0.02", "NaN"),
+    ],
+)
+def test_zeros_with_a_member_that_the_daemon_does_not_write_are_damaged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, old: str, new: str
+) -> None:
+    path = tmp_path / "zeros.json"
+    KeptZeros(path).write({"bench": zeros_of(5.0)})
+    assert KeptZeros(path).rested("bench", "4f2c") is not None
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    assert KeptZeros(path).rested("bench", "4f2c") is None
+    assert caplog.messages == [f"{path}: damaged; the zeros of before are not known"]
+
+
+@pytest.mark.anyio
+async def test_zeros_are_written_again_and_again_while_the_daemon_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kept_zeros, "KEEP_S", 0.005)
+    path = tmp_path / "zeros.json"
+    known = iter([{"bench": zeros_of(5.0)}, {"press": zeros_of(7.0)}])
+    keeping = asyncio.ensure_future(KeptZeros(path).keep(lambda: next(known, {})))
+    await until(lambda: path.exists() and "press" in path.read_text())
+    await cancel([keeping])
+    assert KeptZeros(path).rested("bench", "4f2c") is not None
 
 
 def test_zeros_that_cannot_be_written_are_said_once_and_that_they_can_again(

@@ -12,7 +12,7 @@ from beamtouch_daemon.config import value_types
 from beamtouch_daemon.config.publish import Publish
 from beamtouch_daemon.config.settings import Config, Loads, Surface
 from beamtouch_daemon.config.signal import Channel, GrowingMean, MovingAverage, NoFilter
-from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
+from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine, Strict
 
 from .surfaces import CHANNEL, surface_of
 
@@ -169,6 +169,12 @@ def test_a_rate_a_time_or_a_noise_that_cannot_be_is_said(changes: dict[str, obje
     assert refusal(**changes) == said
 
 
+def test_all_values_of_a_module_have_its_type_unless_a_channel_states_another() -> None:
+    channels = [CHANNEL | {"name": "s1", "input": 0}, CHANNEL | {"name": "s2", "register": 900, "type": "f32"}]
+    surface = surface_of(source=TCP | {"module": "iologik-e1240"}, rate_hz=10.0, channels=channels)
+    assert (surface.value_types, surface.has_fractions) == (["u16", "f32"], [False, True])
+
+
 def test_rates_times_and_noise_at_their_limits_are_taken() -> None:
     surface_of(slowest_period_ms=16_000.0, rate_hz=250.0)
     surface_of(filter={"kind": "growing-mean", "max_mean_ms": 40_000.0}, noise_mm=0.002, rate_hz=250.0)
@@ -273,6 +279,132 @@ def test_sources_have_their_timeouts_and_their_conversions() -> None:
     assert (tcp.function_code, tcp.max_request_registers) == (4, 125)
     stated = ModbusTcp(kind="modbus-tcp", host="plc", function=3, max_registers=9)
     assert (stated.function_code, stated.max_request_registers) == (3, 9)
+
+
+TCP, RTU, BOARD = (
+    {"kind": "modbus-tcp", "host": "plc"},
+    {"kind": "modbus-rtu", "port": "/dev/x"},
+    {"kind": "serial", "port": "/dev/x"},
+)
+
+
+@pytest.mark.parametrize(
+    ("model", "keys", "key", "ends", "beyond"),
+    [
+        (ModbusTcp, TCP, "timeout_ms", (1.0, 60_000.0), (0.999, 60_000.5)),
+        (ModbusTcp, TCP, "port", (1, 65_535), (0, 65_536)),
+        (ModbusTcp, TCP, "unit", (0, 255), (-1, 256)),
+        (ModbusTcp, TCP, "max_registers", (1, 125), (0, 126)),
+        (ModbusTcp, TCP, "bridge_registers", (0, 124), (-1, 125)),
+        (ModbusTcp, TCP, "host", ("p",), ("",)),
+        (ModbusRtu, RTU, "timeout_ms", (1.0, 60_000.0), (0.999, 60_000.5)),
+        (ModbusRtu, RTU, "baud", (300, 12_000_000), (299, 12_000_001)),
+        (ModbusRtu, RTU, "unit", (1, 247), (0, 248)),
+        (ModbusRtu, RTU, "stop_bits", (1, 2), (0, 3)),
+        (ModbusRtu, RTU, "silence_ms", (0.0, 1000.0), (-0.1, 1000.1)),
+        (ModbusRtu, RTU, "port", ("p",), ("",)),
+        (SerialLine, BOARD, "oversampling", (1, 255), (0, 256)),
+        (NoFilter, {}, "spike_mm", (1e-9, 1e9), (0.0, 1.000001e9)),
+        (MovingAverage, {"kind": "moving-average"}, "window", (1, 10_000), (0, 10_001)),
+        (GrowingMean, {"kind": "growing-mean"}, "max_mean_ms", (1e-9, 60_000.0), (0.0, 60_000.1)),
+        (Channel, CHANNEL | {"name": "s1"}, "stuck_after_ms", (1e-9, 86_400_000.0), (0.0, 86_400_000.5)),
+        (Channel, CHANNEL | {"name": "s1"}, "position_mm", (-1e9, 1e9), (-1.000001e9, 1.000001e9)),
+        (Channel, CHANNEL | {"name": "s1"}, "counts_range", ((-1e12, 1e12),), ((-1.01e12, 5.0), (5.0, 1.01e12))),
+        (Channel, CHANNEL | {"name": "s1"}, "register", (0, 65_535), (-1, 65_536)),
+        (Channel, CHANNEL | {"name": "s1"}, "adc_bits", (1, 32), (0, 33)),
+    ],
+)
+def test_a_key_is_taken_at_its_limits_and_refused_beyond_them(
+    model: type[Strict], keys: dict[str, object], key: str, ends: tuple[object, ...], beyond: tuple[object, ...]
+) -> None:
+    for value in ends:
+        model.model_validate(keys | {key: value})
+    for value in beyond:
+        with pytest.raises(ValidationError):
+            model.model_validate(keys | {key: value})
+
+
+ADAM, TWO_UNITS = {"module": "adam-6017", "unit": 9}, {"unit": 5, "host": "other"}
+
+
+@pytest.mark.parametrize(
+    ("source", "channel", "place"),
+    [
+        (TCP | {"unit": 9}, {"register": 7}, ("plc", 9, 7)),
+        (TCP | {"unit": 9}, {"register": 7} | TWO_UNITS, ("other", 5, 7)),
+        (TCP, {"register": 0, "unit": 0}, ("plc", 0, 0)),
+        (TCP | ADAM, {"input": 7}, ("plc", 9, 7)),
+        (TCP | ADAM, {"register": 3}, ("plc", 9, 3)),  # a module has other registers, too
+        (RTU | {"unit": 9}, {"register": 7}, ("", 9, 7)),
+        (RTU | {"unit": 9}, {"register": 7, "unit": 4}, ("", 4, 7)),
+        (TCP, {}, "channel s1: state its register"),
+        (TCP | ADAM, {}, "channel s1: state its register or its input"),
+        (TCP | ADAM, {"input": 7, "register": 7}, "channel s1: state its register or its input"),
+        (TCP | ADAM, {"input": 8}, "channel s1: the module has inputs 0 to 7"),
+        (TCP, {"input": 7}, "channel s1: input needs the source's module; state the register"),
+        (RTU, {"register": 7, "host": "plc"}, "channel s1: host is for modbus-tcp"),
+        *(
+            (
+                BOARD,
+                {"register": 7} | key,
+                "channel s1: input, unit, host and type are for Modbus; a serial channel has a register",
+            )
+            for key in ({"input": 1}, {"unit": 1}, {"host": "plc"}, {"type": "u16"})
+        ),
+        (
+            TCP,
+            {"register": 7, "type": "i16", "adc_bits": 16},
+            "channel s1: adc_bits = 16: counts of i16 end at 32767; remove it, or correct type",
+        ),
+    ],
+)
+def test_a_channel_has_its_place_or_the_reason_why_it_has_none(
+    source: dict[str, object], channel: dict[str, object], place: tuple[str, int, int] | str
+) -> None:
+    channels = [CHANNEL | {"name": "s1"} | channel]
+    if isinstance(place, str):
+        assert refusal(source=source, channels=channels, rate_hz=10.0) == place
+    else:
+        surface = surface_of(source=source, channels=channels, rate_hz=10.0)
+        assert surface.place_of(surface.channels[0]) == place
+
+
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        (
+            {"register": 8},
+            "channels s1 and s2 overlap: a value of type f32 takes 2 registers; correct register, or type",
+        ),
+        ({"register": 7}, "two channels have the same register 7"),
+        (
+            {"register": 6, "type": "u32"},
+            "channels s2 and s1 overlap: a value of type u32 takes 2 registers; correct register, or type",
+        ),
+        ({"register": 9, "name": "s1"}, "two channels have the same name s1"),
+        ({"register": 9}, ""),
+        ({"register": 6}, ""),
+        ({"register": 7, "unit": 2}, ""),
+        ({"register": 7, "host": "other"}, ""),
+    ],
+)
+def test_values_of_one_unit_do_not_overlap(second: dict[str, object], said: str) -> None:
+    first = CHANNEL | {"name": "s1", "register": 7, "type": "f32"}
+    channels = [first, CHANNEL | {"name": "s2"} | second, CHANNEL | {"name": "s3", "register": 90}]
+    if said:
+        assert refusal(channels=channels) == said
+    else:
+        assert surface_of(channels=channels).channel_names == ["s1", "s2", "s3"]
+
+
+def test_what_is_not_stated_has_its_default() -> None:
+    surface = surface_of()
+    assert (surface.zero_drift_mm, surface.slowest_period_ms, surface.conversions) == (0.0, None, 1)
+    assert surface.value_types == ["u16", "u16"]
+    rtu = ModbusRtu.model_validate(RTU)
+    assert (rtu.timeout_s, rtu.bridge_registers, rtu.byte_order) == (0.1, 0, "ABCD")
+    growing = GrowingMean(kind="growing-mean")
+    assert (MovingAverage(kind="moving-average").window, growing.window, growing.max_mean_ms) == (4, 4, 1000.0)
 
 
 @pytest.mark.parametrize("port", ["tcp://plc", "tcp://", "udp://plc:7"])

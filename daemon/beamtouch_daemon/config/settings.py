@@ -156,7 +156,7 @@ class Surface(Strict):
                 f"filter.max_mean_ms: at most {MAX_MEAN_READINGS / self.rate_hz * 1e3:g}, "
                 f"the time of {MAX_MEAN_READINGS} readings"
             )
-        elif isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
+        elif isinstance(self.source, SerialLine) and self.rate_hz != int(self.rate_hz):
             message = "rate_hz must be a whole number for a serial source"
         elif (self.slowest_period_ms or 0.0) * self.rate_hz / 1e3 > MAX_PERIOD_READINGS:
             message = (

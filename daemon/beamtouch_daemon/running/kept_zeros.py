@@ -12,10 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from beamtouch_common.encodings import decode
-from beamtouch_common.errors import InputError
 from beamtouch_common.files import read_bounded, write_atomically
 from beamtouch_common.log_lines import Repeated
 from beamtouch_common.uptime import uptime_s
@@ -88,7 +87,7 @@ class KeptZeros:
         self._surfaces |= zeros
         content = Content(started=self._started, surfaces=self._surfaces)
         try:
-            write_atomically(self._path, content.model_dump_json(indent=2).encode())
+            write_atomically(self._path, content.model_dump_json().encode())
         except OSError as error:
             self._fault.failed(f"{self._path}: {error.strerror}; a restart will not know the zeros", "zeros")
         else:
@@ -101,7 +100,7 @@ class KeptZeros:
             return {}
         except OSError as error:
             _logger.warning("%s: %s; the zeros of before are not known", path, error.strerror)
-        except (ValidationError, ValueError, InputError):
+        except ValueError:
             _logger.warning("%s: damaged; the zeros of before are not known", path)
         else:
             return content.surfaces if content.started == self._started else {}
