@@ -1,0 +1,93 @@
+"""The end of a run: what its summary counts, says and writes; and what a running daemon says of its surfaces."""
+
+import json
+import logging
+import stat
+from pathlib import Path
+
+import pytest
+
+from beamtouch_common.parts import Parts
+from beamtouch_daemon.cli import main
+from beamtouch_daemon.delivery.log_file import Chunk
+from beamtouch_daemon.delivery.log_store import LogStore
+from beamtouch_daemon.running import daemon
+from beamtouch_daemon.running.acquisition import Acquisition
+from beamtouch_daemon.running.daemon import Summary
+from support.programs.in_process import command_of
+from support.surfaces import configs
+
+from .acquiring import Bench, reading
+from .publishing import boot, taken
+
+
+def parts(**failing: str) -> Parts:
+    made = Parts(logging.getLogger(__name__))
+    made.failing.update({name.replace("_", " "): why for name, why in failing.items()})
+    return made
+
+
+def surfaces(*names: str) -> list[Acquisition]:
+    """Return surfaces that are read, one reading each."""
+    benches = [Bench() for _ in names]
+    for name, bench in zip(names, benches, strict=True):
+        bench.line.name = name
+        bench.take(reading(50.0))
+    return [bench.line for bench in benches]
+
+
+@pytest.mark.anyio
+async def test_the_summary_counts_surfaces_that_are_read_and_those_of_which_only_the_log_knows(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench, store = Bench(), LogStore(None, 0)
+    bench.take(reading(50.0), reading(50.1, lost=3))
+    present = store.surface("bench")
+    present.begin(boot(), 100).put(taken(1, 5))
+    present.counts.published, present.counts.dropped = 11, 4
+    store.surface("gone").adopt(Chunk(1, 3, 9), boot("boot-0000"))
+    assert daemon._summaries([bench.line], store) == {"bench": Summary(2, 3, 11, 9, 0), "gone": Summary(0, 0, 0, 0, 7)}
+    said = "bench: 5 samples dropped: neither the service nor the log file took them"
+    assert [line for line in caplog.messages if "neither" in line] == [said]
+
+
+def test_a_run_prints_and_writes_its_counts_for_everybody_to_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def run(_config: object) -> tuple[dict[str, Summary], bool]:
+        return {"bench": Summary(57, 3, 41, 2, 13), "press": Summary(5)}, False
+
+    monkeypatch.setattr(daemon, "run", run)
+    path = tmp_path / "summary.json"
+    path.touch(mode=0o600)
+    outcome = command_of(main, capsys)("run", configs.write(tmp_path, configs.surface()), "--summary", path)
+    assert (outcome.returncode, outcome.stderr.splitlines()) == (
+        0,
+        [
+            "bench: 57 readings taken, 3 lost; 41 samples published, 2 dropped, 13 in the log file for the next start",
+            "press: 5 readings taken, 0 lost; 0 samples published, 0 dropped",
+        ],
+    )
+    assert oct(stat.S_IMODE(path.stat().st_mode)) == "0o644"
+    bench, press = json.loads(path.read_text())["surfaces"].values()
+    assert list(bench.values()) == [57, 3, 41, 2, 13]
+    assert press == dict.fromkeys(bench, 0) | {"readings": 5}
+    assert '\n  "surfaces": {\n    "bench": {\n      "readings": 57,\n' in path.read_text()
+
+
+@pytest.mark.anyio
+async def test_the_status_names_what_is_read_what_is_away_what_is_not_tared_and_what_fails() -> None:
+    bench, press, late = surfaces("bench", "press", "late")
+    assert daemon._status([bench, press], parts()) == "reading bench, press"
+    late.is_missing, press.is_tared = True, False
+    assert daemon._status([bench, press, late], parts(zeros="broken", metrics="")) == (
+        "reading bench, press; waiting for the device of late; not tared: press; unexpected error in zeros"
+    )
+
+
+@pytest.mark.anyio
+async def test_a_surface_hangs_unless_its_reading_is_begun_again_anyway() -> None:
+    bench, press, late = surfaces("bench", "press", "late")
+    bench.last_progress_s = late.last_progress_s = -1000.0
+    assert daemon._hanging([bench, press, late], parts()) == ["bench", "late"]
+    assert daemon._hanging([bench, press, late], parts(late_readings="broken", bench_samples="broken")) == ["bench"]
