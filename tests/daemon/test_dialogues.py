@@ -91,7 +91,7 @@ def test_given_loads_are_recorded_in_their_order_after_enter(
     assert "'now': press Enter once the load is on, or type undo or accept" in said
     assert [line for line in said if "put 500 N" in line] == [
         "load 2: put 500 N at 70 mm on, then press Enter (undo): "
-    ] * 3
+    ] * 4
 
 
 def test_a_dialogue_whose_answers_end_stops_and_what_was_refused_or_removed_is_named(

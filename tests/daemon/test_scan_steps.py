@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import json
+import socket
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -121,9 +122,8 @@ async def test_units_behind_an_address_are_found_with_their_source(capsys: pytes
 async def test_an_address_that_accepts_connections_and_answers_nothing_is_told_with_what_to_try(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    server = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)
-    target = f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    async with server:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         found = scan_of(target, units=(1,), timeout_ms=10.0)
         assert await found.network() == (
             f"nothing answers: {target} accepts connections; check the unit numbers of the device, or try --units "
@@ -154,6 +154,13 @@ class Absent(StampingUnit):
     def answer(self, request: bytes, wrap: Callable[[bytes], bytes]) -> Pieces:
         self.asked.append(request[1])
         return [(0.0, wrap(bytes([request[0], request[1] | 0x80, 11])))]
+
+
+class Closing(asyncio.Protocol):
+    """A device that ends each connection."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        transport.close()
 
 
 class NoBoard:
@@ -226,3 +233,39 @@ async def test_units_that_may_have_booted_are_asked_again(
         "again, because opening the port may have reset them:",
         "9600 baud, parity none: nothing",
     ]
+
+
+async def test_without_options_the_usual_units_rates_and_parities_are_tried_and_a_board_at_a_megabaud(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scanning, "BoardLine", NoBoard)
+    monkeypatch.setattr(traffic, "BOOT_S", 0.0)
+    with terminal() as line:
+        await scan_of(line.path, timeout_ms=0.1, baud=(115_200,), parity=("none",)).line()
+        assert capsys.readouterr().err.startswith(f"{line.path}: Modbus RTU units 1-16, and a Beamtouch board; ")
+        await scan_of(line.path, timeout_ms=0.1, units=(1,)).line()
+    _, *said = capsys.readouterr().err.splitlines()
+    tried = [line.partition(":")[0].replace(" baud", "") for line in said]
+    assert tried == [
+        "9600, parity none",
+        "1000000",  # after the first settings
+        *(f"9600, parity {parity}" for parity in ("even", "odd")),
+        *(
+            f"{baud}, parity {parity}"
+            for baud in (19_200, 115_200, 38_400, 57_600)
+            for parity in ("none", "even", "odd")
+        ),
+    ]
+
+
+@pytest.mark.usefixtures("brief")
+async def test_without_a_timeout_that_of_the_sources_counts(capsys: pytest.CaptureFixture[str]) -> None:
+    with terminal() as line:
+        failure = await scan_of(line.path, units=(1,), baud=(9600,), parity=("none",)).line()
+    assert failure.endswith("--timeout-ms 500")  # five times 0.1 s
+    capsys.readouterr()
+    async with await asyncio.get_running_loop().create_server(Closing, "127.0.0.1", 0) as server:
+        target = f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        failure = await scan_of(target).network()
+    assert failure.endswith("--timeout-ms 2000")  # ten times 0.2 s
+    assert capsys.readouterr().err.startswith(f"{target}: Modbus TCP units 1-16, 0, 255; Ctrl-C ends it\n")
