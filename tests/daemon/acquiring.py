@@ -1,7 +1,7 @@
 """An acquisition that is given readings, and readings for it."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 from beamtouch_daemon.config.settings import Surface
@@ -13,7 +13,7 @@ from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.sources.requests import Requests
 
 from .publishing import boot
-from .surfaces import surface_of
+from .surfaces import RATE_HZ, surface_of
 
 REST = 20_000.0
 
@@ -32,6 +32,22 @@ class Nothing:
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         await asyncio.Event().wait()
         yield []
+
+
+class Beam(Nothing):
+    """A source of two readings at a time, with the counts that `counts` gives for the number of a reading, from 0."""
+
+    def __init__(self, counts: Callable[[int], Sequence[float | None]]) -> None:
+        super().__init__()
+        self.given = 0
+        self._counts = counts
+
+    async def readings(self) -> AsyncGenerator[list[Reading], None]:
+        while True:
+            pair = range(self.given, self.given + 2)
+            self.given += 2
+            yield [Reading(50.0 + at / RATE_HZ, tuple(self._counts(at))) for at in pair]
+            await asyncio.sleep(0)
 
 
 class Bench:

@@ -9,6 +9,7 @@ import pytest
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources import board
 from beamtouch_daemon.sources.board import BoardLine, BoardSource, Session
+from beamtouch_daemon.sources.reading import Reading as Taken
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.sources.traffic import Traffic
 from beamtouch_protocol.framing import Decoder, encode
@@ -169,7 +170,7 @@ async def test_a_session_asks_checks_pings_starts_and_ends_in_silence_with_a_sto
         return []
 
     port.device = device
-    taken = list[board.Reading]()
+    taken = list[Taken]()
 
     async def read() -> None:
         async for readings in source(port).readings():

@@ -1,7 +1,6 @@
 """The dialogue in which known loads are recorded, in the process of the test, and how long each takes."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable
 from pathlib import Path
 
 import pytest
@@ -11,9 +10,8 @@ from beamtouch_daemon.commands.record import Dialogue, LoadRefusedError, record_
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.measuring.known_loads import Load, LoadFile, parse_load
 from beamtouch_daemon.processing.pipeline import TimedSample
-from beamtouch_daemon.sources.reading import Reading
 
-from .acquiring import Nothing
+from .acquiring import Beam, Nothing
 from .publishing import taken
 from .surfaces import RATE_HZ, mean_of, surface_of
 
@@ -54,7 +52,7 @@ def test_loads_are_typed_until_an_empty_line(
     assert talk.recorded == ["10 N at 150 mm", "500 N at 70 mm accepted", "5 N at 90 mm"]
     assert (talk.file.loads, [str(load) for load in talk.dialogue.refused]) == (2, [])
     question = "put it on, then enter position in mm and force in N (empty line: done; undo): "
-    asked, said = [], []
+    asked, said = list[str](), list[str]()
     for line in capsys.readouterr().err.splitlines():
         (asked if line.endswith(": ") else said).append(line)
     assert asked == [f"load {number}: {question}" for number in (1, 2, 2, 2, 3, 2, 3)]
@@ -103,25 +101,10 @@ def test_a_dialogue_whose_answers_end_stops_and_what_was_refused_or_removed_is_n
     assert [str(load) for load in talk.dialogue.refused] == ["500 N at 70 mm"]
 
 
-class Beam(Nothing):
-    """A source of two readings at a time, with the counts that `counts` gives for their number, from 0."""
-
-    def __init__(self, counts: Callable[[int], float | None]) -> None:
-        super().__init__()
-        self.given = 0
-        self._counts = counts
-
-    async def readings(self) -> AsyncGenerator[list[Reading], None]:
-        while True:
-            pair = range(self.given, self.given + 2)
-            self.given += 2
-            yield [Reading(50.0 + at / RATE_HZ, (self._counts(at), 20_000.0 - 20 * (-1) ** at)) for at in pair]
-            await asyncio.sleep(0)
-
-
-def loaded(at: int) -> float:
-    """Return counts of a load of 0.1 mm with noise."""
-    return 21_000.0 + 20 * (-1) ** at
+def loaded(at: int, further: float = 0.0) -> tuple[float, float]:
+    """Return counts of a load with noise."""
+    wave = 20.0 if at % 2 else -20.0
+    return 21_000.0 + wave + further, 20_000.0 - wave
 
 
 def recorded(
@@ -151,7 +134,7 @@ def test_a_load_is_recorded_for_its_time_once_it_rests(
 
 
 def test_a_beam_that_settles_late_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    beam = Beam(lambda at: loaded(at) + max(0, 150 - at) * 20)
+    beam = Beam(lambda at: loaded(at, max(0, 150 - at) * 20))
     recorded(monkeypatch, beam, 0.3)
     assert 150 + 60 < beam.given <= 150 + 100 + 60
 
@@ -159,7 +142,7 @@ def test_a_beam_that_settles_late_is_waited_for(monkeypatch: pytest.MonkeyPatch)
 def test_a_load_that_does_not_settle_in_time_is_refused_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(record, "GIVE_UP_S", 0.5)
     with pytest.raises(LoadRefusedError, match=r"^not settled within 0.5 s: s1[: ].*[^;]$"):
-        recorded(monkeypatch, Beam(lambda at: 20_000.0 + 40 * (at % 400)), 0.3, rate_hz=20.0)
+        recorded(monkeypatch, Beam(lambda at: loaded(at, 40 * (at % 400))), 0.3, rate_hz=20.0)
 
 
 def test_without_readings_a_load_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ import pytest
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.commands import scan as scanning
 from beamtouch_daemon.commands.scan import Scan
+from beamtouch_daemon.commands.scan_report import Source
 from beamtouch_daemon.sources import board, traffic
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import Block, RegisterAnswer
@@ -26,7 +27,7 @@ Answers = dict[int, Sequence[RegisterAnswer | None]]
 """What a unit answers to each function in turn; None: nothing."""
 GIVEN, LACKING, BUSY = RegisterAnswer((7,)), RegisterAnswer(exception=2), RegisterAnswer(exception=6)
 ABSENT = RegisterAnswer(exception=11)
-SOURCE = {"kind": "modbus-rtu", "port": "/dev/x"}
+SOURCE: Source = {"kind": "modbus-rtu", "port": "/dev/x"}
 
 
 def scan_of(target: str, **options: object) -> Scan:
