@@ -180,11 +180,19 @@ def _open(path: str, settings: LineSettings) -> serial.Serial:
         )
         _hang_up_on_close(device.fileno(), is_on=False)
     except (*FAILURES, ValueError) as error:
-        code = error.errno if isinstance(error, OSError) else None
-        advice = _ADVICE.get(code or 0, "does it exist, and is no other program using it?")
+        code = _number_of(error)
+        advice = _ADVICE.get(code, "does it exist, and is no other program using it?")
         reason = os.strerror(code) if code in _ADVICE else error
         raise SourceError(f"{path} cannot be opened ({reason}); {advice}") from error
     return device
+
+
+def _number_of(error: BaseException | None) -> int:
+    """Return the number of an error; 0 without one. For some, pyserial raises another error that has none."""
+    if isinstance(error, termios.error):
+        return int(error.args[0])
+    number = error.errno if isinstance(error, OSError) else None
+    return number or (_number_of(error.__context__) if error is not None else 0)
 
 
 def _hang_up_on_close(line: int, *, is_on: bool) -> None:

@@ -1,0 +1,134 @@
+"""Frames of Modbus TCP as they come, and why there is no answer, without a network."""
+
+import asyncio
+
+import pytest
+
+from beamtouch_daemon.config.sources import ModbusTcp
+from beamtouch_daemon.sources import modbus_tcp
+from beamtouch_daemon.sources.modbus_tcp import TcpLink
+from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.requests import Failure
+
+from .devices import with_crc
+
+pytestmark = pytest.mark.anyio
+
+SETTINGS = ModbusTcp(kind="modbus-tcp", host="plc", port=1502, timeout_ms=37.0)
+DATA = bytes([4, 4, 0, 7, 1, 8])
+"""Function and contents of an answer with two registers."""
+NUMBER = 0x0105
+"""Of the newest request."""
+
+
+def link_of(unit: int = 3, host: str = "plc") -> TcpLink:
+    link = TcpLink(SETTINGS, host, unit)
+    link._transaction = NUMBER
+    return link
+
+
+def frame(data: bytes = DATA, transaction: int = NUMBER, unit: int = 3, protocol: int = 0) -> bytes:
+    """Return a frame, as the standard has it: transaction, protocol, number of further bytes, unit, data."""
+    return (
+        b"".join(number.to_bytes(2, "big") for number in (transaction, protocol, len(data) + 1)) + bytes([unit]) + data
+    )
+
+
+async def received(link: TcpLink, *chunks: bytes) -> bytes:
+    """Return what is taken for the answer if these bytes come one after the other, and then nothing."""
+    reader = asyncio.StreamReader()
+
+    async def feed() -> None:
+        for chunk in chunks:
+            reader.feed_data(chunk)
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+        reader.feed_eof()
+
+    found, _ = await asyncio.gather(link._receive(reader), feed())
+    return found
+
+
+@pytest.mark.parametrize(
+    "chunks",
+    [
+        [frame()],
+        [frame()[:1], frame()[1:5], frame()[5:12], frame()[12:]],
+        [frame(unit=0)],
+        [frame(unit=255)],  # of the device itself
+        [frame(bytes([4, 2, 9, 9]), NUMBER - 1), frame()],  # a late answer before it
+        [frame(bytes([4, 2, 9, 9]), NUMBER - 1) + frame()[:9], frame()[9:]],
+        [frame(unit=4) + frame(transaction=0) + frame()],
+    ],
+    ids=["whole", "in pieces", "unit 0", "unit 255", "after a late one", "in one piece with it", "after others"],
+)
+async def test_the_answer_is_the_frame_with_the_number_of_the_newest_request(chunks: list[bytes]) -> None:
+    assert await received(link_of(), *chunks) == DATA
+
+
+async def test_what_follows_an_answer_is_kept_for_the_next_request() -> None:
+    link = link_of()
+    assert await received(link, frame() + frame()[:3]) == DATA
+    assert link._received == frame()[:3]
+
+
+WITHIN = "within 37 ms"
+
+
+@pytest.mark.parametrize(
+    ("chunks", "said", "failure"),
+    [
+        ([], f"unit 3 does not answer {WITHIN}", Failure.SILENT),
+        ([frame()[:-1]], f"unit 3 does not answer intact {WITHIN}", Failure.DAMAGED),
+        ([frame(protocol=1)], f"unit 3 does not answer intact {WITHIN}", Failure.DAMAGED),
+        (
+            [frame(transaction=0)],
+            "unit 3 answers with transaction number 0, which does not identify the request",
+            Failure.FOREIGN,
+        ),
+        ([frame(transaction=5)], "unit 3 answers with the transaction number of another request", Failure.FOREIGN),
+        ([frame(unit=4)], "unit 3 answers as unit 4; state unit = 4 if that is the device", Failure.FOREIGN),
+        (
+            [with_crc(bytes([3]) + DATA)],
+            "plc:1502 is a serial converter: it passes on RTU frames, and unit 3 answers in such frames; write kind = "
+            '"modbus-rtu" and port = "tcp://plc:1502" in its source',
+            Failure.FOREIGN,
+        ),
+    ],
+    ids=["nothing", "a part", "another protocol", "without a number", "another number", "another unit", "RTU"],
+)
+async def test_why_no_answer_came_is_said(chunks: list[bytes], said: str, failure: Failure) -> None:
+    link = link_of()
+    with pytest.raises(EOFError):
+        await received(link, *chunks)
+    error = link._explain_silence()
+    assert (str(error), error.failure) == (said, failure)
+
+
+def test_a_unit_of_another_device_is_named_with_it() -> None:
+    assert [link_of(3).name, link_of(3, "other").name] == ["unit 3", "other unit 3"]
+    assert link_of().rest_s == 0.5
+
+
+async def test_a_device_that_never_answered_is_asked_in_rtu_frames_once_a_minute(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s, asked, answers = 500.0, list[float](), True
+
+    async def answers_in_rtu(*arguments: object) -> bool:
+        assert [str(one) for one in arguments] == ["plc:1502", "3", str(Block(30, 2)), "0.037"]
+        asked.append(now_s)
+        return answers
+
+    monkeypatch.setattr(modbus_tcp, "_answers_in_rtu", answers_in_rtu)
+    monkeypatch.setattr(modbus_tcp, "uptime_s", lambda: now_s)
+    link = link_of()
+    found = []
+    for at_s, is_answered in ((500.0, True), (559.9, False), (560.0, False), (560.1, True)):
+        now_s, answers = at_s, is_answered
+        found.append(await link._is_converter(Block(30, 2)))
+    assert (asked, found) == ([500.0, 560.0], [True, True, False, False])
+    link._has_answered = True
+    now_s, answers = 900.0, True
+    assert not await link._is_converter(Block(30, 2))
+    assert len(asked) == 2
