@@ -1,37 +1,20 @@
-"""Which tests run in one process: those of modules whose fixtures take long, so that these are made once per run."""
+"""Which tests run in one process: those of modules that make something once, so that it is made once per run."""
+
+import re
+from functools import cache
+from pathlib import Path
 
 from xdist.scheduler import LoadScopeScheduling
 
-TOGETHER = (
-    "common/test_extras.py",
-    "daemon/test_asked_service.py",
-    "models/test_build_report.py",
-    "models/test_calibration.py",
-    "models/test_false_alarms.py",
-    "models/test_measured_skins.py",
-    "models/test_rig.py",
-    "models/test_rig_serial.py",
-    "models/test_self_calibration.py",
-    "models/test_since_touch.py",
-    "models/test_small_network.py",
-    "models/test_trade.py",
-    "models/test_units.py",
-    # Pages share a browser; started for each test, it would take longer than most of them. One for all modules would
-    # keep its event loop running beside other tests.
-    "models/test_pictures.py",
-    "process/test_page.py",
-    "process/test_page_beam.py",
-    "process/test_page_behind_proxies.py",
-    "process/test_page_commissioning.py",
-    "process/test_page_doubt.py",
-    "process/test_page_plate.py",
-    "process/test_page_token.py",
-    "system/test_images.py",
-)
+# Pages share a browser; started for each test, it would take longer than most of them. One for all modules would keep
+# its event loop running beside other tests.
+MADE_ONCE = re.compile(r'scope="module"|\bopen_page\b|\bbrowser: Browser\b|^@cache|= cache\(', re.MULTILINE)
+TOGETHER = ("models/test_false_alarms.py",)
+"""Modules that make something once in what they import."""
 
 
 class Scheduling(LoadScopeScheduling):  # type: ignore[misc]  # xdist ships no types
-    """Gives each test to whichever process is free, but the modules of `TOGETHER` whole.
+    """Gives each test to whichever process is free, but modules that make something once whole.
 
     The mark `xdist_group` would say the same, but with pytest 9.2 the scheduler never sees it: the tests of a group
     would be spread over all processes, without an error.
@@ -39,4 +22,11 @@ class Scheduling(LoadScopeScheduling):  # type: ignore[misc]  # xdist ships no t
 
     def _split_scope(self, nodeid: str) -> str:
         module = nodeid.partition("::")[0]
-        return module if module.endswith(TOGETHER) else nodeid
+        is_whole = module.endswith(TOGETHER) or makes_once(self.config.rootpath / module)
+        return module if is_whole else nodeid
+
+
+@cache
+def makes_once(module: Path) -> bool:
+    """Return whether a module has a fixture, a cache or a browser for all of its tests."""
+    return MADE_ONCE.search(module.read_text()) is not None
