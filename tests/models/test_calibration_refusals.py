@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from beamtouch_models.design.calibration import calibrate, self_calibrate
-from beamtouch_models.design.calibration.doubts import common_in_words
+from beamtouch_models.design.calibration.doubts import _bend_in_words, common_in_words
 from beamtouch_models.design.calibration.fit import Fit, fit
 from beamtouch_models.design.calibration.mistaken import MistakenLoad
 from beamtouch_models.design.calibration.nominal_surface import NominalSurface
-from beamtouch_models.design.calibration.session import COMMON, SHIFT, WEIGHT
+from beamtouch_models.design.calibration.session import COMMON, SHIFT, WEIGHT, bend_of
 from beamtouch_models.design.calibration.unlabelled import ContactFit, RemainingUncertainty
 from beamtouch_models.errors import NotGoodEnoughError
 from models.nominal_beam import NOISE_MM, loads_on, nominal_of
@@ -220,3 +220,33 @@ def test_what_all_loads_share_is_told_with_its_side_and_its_error(nominal: Nomin
     )
     assert told["places"].startswith("each load stands 2.4 +- 0.4 mm farther left than stated")
     assert common_in_words(replace(more, kinds=("gain",)), ()) == {}
+
+
+NAMES = ["s1", "s2", "s3", "s4"]
+
+
+def bent(nominal: NominalSurface, share: float, least_mm: float, is_in_volts: bool = False) -> str:
+    """Return what is told of a bend of the third channel that takes `least_mm` off its largest deflection."""
+    loads = loads_on(nominal, PERFECT)
+    loads = replace(loads, force_n=loads.force_n * share, measured_mm=loads.measured_mm * share)
+    plain = fit(replace(nominal, unit="V") if is_in_volts else nominal, loads, ("gain", bend_of(2)), rounds=1)
+    vector = np.zeros(plain.session.size)
+    vector[plain.session.kinds[bend_of(2)].start] = 1.0
+    largest_mm = np.nanmax(plain.session.bends_mm(vector)[:, 2])
+    return _bend_in_words(replace(plain, vector=vector * least_mm / largest_mm), bend_of(2), NAMES)
+
+
+def test_a_channel_that_bends_is_told_if_that_does_harm(nominal: NominalSurface) -> None:
+    """From 3 % of what it shows on, and from two noises on, which are 4 um."""
+    shown_mm = float(np.nanmax(loads_on(nominal, PERFECT).measured_mm[:, 2]))
+    assert bent(nominal, 1.0, 0.0299 * shown_mm) == bent(nominal, 1.0, -0.0299 * shown_mm) == ""
+    assert bent(nominal, 1.0, 0.0301 * shown_mm) == (
+        "s3 does not fit, as if its characteristic were another: where it shows 1.18 mm, the loads say 1.15 mm. Check "
+        "its table, or measure one with feeler gauges, and record the loads again"
+    )
+    assert "shows 1.18 mm, the loads say 1.42 mm" in bent(nominal, 1.0, -0.2 * shown_mm)
+    assert "1.18 V, the loads say 1.15 V. Check its table, or measure one, and" in bent(
+        nominal, 1.0, 0.0301 * shown_mm, True
+    )
+    assert bent(nominal, 0.01, 0.00399) == ""
+    assert bent(nominal, 0.01, 0.00401) != ""

@@ -42,6 +42,13 @@ def test_a_power_law_comes_back_from_loads_whose_places_are_not_known(scale: flo
     assert fit.slope(middle) == pytest.approx(1.25 * (middle / (0.6 * scale)) ** 0.25, rel=0.03)
 
 
+def test_a_power_law_comes_back_from_loads_of_which_the_light_ones_count_less() -> None:
+    """With this noise, the lightest load is known to 14 % and the heaviest to 5 %."""
+    shown = power_law(STRAIGHT_MM)
+    fit = Characteristic.fit("a", PLACE_MM[:, None], FORCE_N, shown, 0.01)
+    assert fit.straighten(shown) == pytest.approx(STRAIGHT_MM, rel=0.01)
+
+
 def test_a_power_law_comes_back_from_deflections_that_a_theory_knows() -> None:
     shown = power_law(STRAIGHT_MM)
     # Loads that the theory or the sensor does not see have no part.

@@ -100,6 +100,11 @@ def test_what_is_stated_of_a_fit_follows_from_its_residuals(fitted: Fit) -> None
     assert fitted.error_mm == pytest.approx(np.sqrt(np.nanmean(fitted.left_out_mm**2)))
 
 
+def test_a_degree_of_freedom_is_left_however_few_loads_there_are(nominal: NominalSurface) -> None:
+    """Four deflections of one load: departures, place and force explain all of them."""
+    assert fit(nominal, loads_on(nominal, REAL)[[4]], tuple(nominal.kinds)).freedom == 1.0
+
+
 def test_the_evidence_is_the_probability_of_the_recording_under_all_departures(fitted: Fit) -> None:
     free, count = fitted.session.places_of(fitted.kinds), len(fitted.session.loads.number)
     parts = [dense(fitted, fitted.errors, load) for load in range(count)]

@@ -295,6 +295,8 @@ def test_short_segments_stay_accurate(tip: float) -> None:
     [
         ({"foundation_n_mm2": 1e-20, "supports": simple(100)}, "held so loosely"),
         ({"foundation_n_mm2": 1e300}, "foundation_n_mm2 = 1e"),
+        ({"foundation_n_mm2": 1e308}, r"1e\+308 is too stiff beside this beam"),
+        ({"foundation_n_mm2": 1e308, "shear_modulus_gpa": 80}, "too stiff beside this beam"),
         ({"foundation_n_mm2": 1e30}, "too stiff beside this beam"),
         ({"shear_modulus_gpa": 1e-320}, "shear deflection cannot be computed"),
         (with_tip(1e-4), "its parts are so uneven"),

@@ -67,6 +67,15 @@ def test_splines_go_through_the_table_and_a_product_of_cubics_comes_back() -> No
     )
 
 
+def test_a_structure_ends_where_the_last_sensor_of_its_table_stands_however_small_it_is() -> None:
+    tiny = make_scene(
+        contact={"force_n": [1, 2], "position_mm": [0.1, 0.7]}, sensors={"noise_mm": 0.02, "range_mm": [1, 100]}
+    )
+    own = interpolate_influence(tiny, SENSORS_MM / 625, LOADS_MM / 625, WAVES)
+    assert own.size_mm.tolist() == [0.8]
+    assert len(own.load_mm) == 301
+
+
 def missed(places_mm: Floats, values: Floats) -> Floats:
     """Return by how much the splines of the others miss each place, of which every fourth is left out at once."""
     off = np.empty_like(values)

@@ -15,6 +15,7 @@ from beamtouch_models.design.physics.measured_structure import (
     measured_influence_of,
     measured_structure_of,
 )
+from beamtouch_models.design.physics.place_table import PlaceTable
 from beamtouch_models.design.physics.structure import (
     changed,
     characteristics_of,
@@ -93,12 +94,43 @@ def test_the_structure_is_that_of_its_fit_between_the_places_where_it_was_evalua
     assert (ticks[0], ticks[1], ticks[-1], len(ticks)) == (0, 0.5, 500, 281)
 
 
+def test_what_lies_beyond_an_end_by_rounding_is_as_well_known_as_the_end(structure: MeasuredStructure) -> None:
+    ends, beyond = np.array([[0.0], [500.0]]), np.array([[-1e-9], [500 + 1e-9]])
+    assert structure.deviation(structure.sensor_mm, beyond) == pytest.approx(
+        structure.deviation(structure.sensor_mm, ends)
+    )
+
+
 def test_a_drawn_structure_agrees_with_the_table_and_is_another_one(structure: MeasuredStructure) -> None:
     rng, loads = np.random.default_rng(2), np.array([[95.0], [275.0], [452.0]])
     mean, deviation = structure.fit.at(loads)
     off = np.array([(structure.draw(rng).influence(structure.sensor_mm, loads) - mean) / deviation for _ in range(60)])
     assert np.abs(off.mean(axis=0)).max() < 0.5
     assert 0.6 < off.std(axis=0).min() < off.std(axis=0).max() < 1.5
+
+
+class Tilted:
+    """A fit that draws a tilted plane for each sensor, and keeps at which places."""
+
+    asked = np.empty((0, 2))
+
+    def draw(self, place_mm: Floats, _rng: np.random.Generator) -> Floats:
+        self.asked = place_mm
+        return np.asarray(place_mm @ [[1.0, 2.0, 0.3], [0.5, -1.0, 0.2]])
+
+
+def test_a_skin_is_drawn_at_some_hundred_places_up_to_all_of_its_edges(structure: MeasuredStructure) -> None:
+    ticks, fit = (np.linspace(0, 60, 82), np.linspace(0, 40, 80)), Tilted()
+    mean = PlaceTable(ticks, np.zeros((82 * 80, 3)))
+    skin: Any = replace(
+        structure, size_mm=(60.0, 40.0), sensor_mm=np.arange(6.0).reshape(3, 2), ticks_mm=ticks, mean=mean
+    )
+    drawn = replace(skin, fit=fit).draw(np.random.default_rng(1))
+    assert 300 < len(fit.asked) < 600
+    assert (fit.asked.min(axis=0).tolist(), fit.asked.max(axis=0).tolist()) == ([0, 0], [60, 40])
+    at = np.array([[13.1, 7.7], [59.0, 39.9]])
+    assert drawn.influence(skin.sensor_mm, at) == pytest.approx(fit.draw(at, np.random.default_rng(1)))
+    assert drawn.ticks_mm is ticks
 
 
 def test_what_a_loads_scatter_is_has_the_part_that_grows_with_the_influence(structure: MeasuredStructure) -> None:

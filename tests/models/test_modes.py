@@ -90,6 +90,7 @@ def test_a_force_that_grows_rings_as_the_mean_of_sudden_ones() -> None:
 
         mean = quad(sudden, max(since - 0.03, 0.0), since, limit=400)[0] / 0.03
         assert grown[1] == pytest.approx(mean, rel=1e-4)
+    assert not found.ringing_mm(np.array([[-0.01]]), 0.01, 0.03).any()
 
 
 def test_a_mode_under_a_force_that_crosses_the_beam_moves_as_fryba_found() -> None:

@@ -38,6 +38,17 @@ def test_a_strip_on_two_lines_has_the_curvature_of_its_moment() -> None:
     assert -found[0] == pytest.approx(wanted, rel=0.02)
 
 
+def test_the_sum_of_curvatures_is_by_how_much_slopes_change_along_both_axes() -> None:
+    """Within an element these are differences of parabolas along the axis, which are exact."""
+    solved, load = supported_plate(steel()), np.array([[250.0, 90.0]])
+    at, step_mm = np.array([[106.25, 43.75], [231.25, 206.25]]), 3.0
+    wanted = np.zeros((1, 2))
+    for axis in (0, 1):
+        ends = (solved.slopes(at + side * step_mm * np.eye(2)[axis], load)[..., axis] for side in (1, -1))
+        wanted += (next(ends) - next(ends)) / (2 * step_mm)
+    assert solved.curvatures(at, load) == pytest.approx(wanted, rel=1e-6)
+
+
 def test_a_plate_that_is_warmer_above_bows_as_a_cap() -> None:
     """On its corners the free cap is held nowhere else: alpha / t times half the square of the distance."""
     one = steel(expansion_um_per_m_k=12.0)

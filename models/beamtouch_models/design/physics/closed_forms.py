@@ -57,9 +57,11 @@ def span_of(beam: Beam, low_mm: float, high_mm: float) -> Span | None:
     if len({section[1:] for section in beam.sections}) > 1 or beam.foundation_n_mm2 is not None:
         return None
     span = _span(beam, low_mm, high_mm)
-    if span is None or beam.shear_modulus_gpa is None:
+    section, modulus_gpa = beam.sections[0], beam.shear_modulus_gpa
+    if span is None or modulus_gpa is None or section.area_mm2 is None:
         return span
-    compliance = _shear_compliance(beam, span.length_mm)
+    rigidity_n = SHEAR_COEFFICIENT * 1e3 * modulus_gpa * section.area_mm2
+    compliance = section.rigidity_n_mm2 / span.length_mm / span.length_mm / rigidity_n if rigidity_n else math.inf
     is_determinate = span.form in {"simply-supported", "cantilever"}
     return span._replace(shear=compliance) if is_determinate and math.isfinite(compliance) else None
 
@@ -80,12 +82,6 @@ def _span(beam: Beam, low_mm: float, high_mm: float) -> Span | None:
     if kinds[0] == kinds[1]:
         form = "simply-supported" if kinds[0] == "simple" else "fixed-fixed"
     return Span(form, supports[0].at_mm, supports[1].at_mm, mirrored=kinds == ("simple", "fixed"))
-
-
-def _shear_compliance(beam: Beam, length_mm: float) -> float:
-    section = beam.sections[0]
-    rigidity = SHEAR_COEFFICIENT * 1e3 * (beam.shear_modulus_gpa or 0.0) * (section.area_mm2 or 0.0)
-    return section.rigidity_n_mm2 / length_mm / length_mm / rigidity if rigidity else math.inf
 
 
 def point_influence(span: Span, sensor_mm: Floats, load_mm: Floats) -> Floats:

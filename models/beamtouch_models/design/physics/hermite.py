@@ -77,7 +77,7 @@ class HermiteAxis:
         inside = np.linspace(0.0, self.length, self.elements + 1)
         first = np.clip((low / self.step).astype(np.intp), 0, self.elements - 1)
         last = np.clip(np.ceil(high / self.step).astype(np.intp), first + 1, self.elements)
-        many = int((last - first).max(initial=1))
+        many = int((last - first).max())
         first = np.minimum(first, self.elements - many)
         index = 2 * first[:, None] + np.arange(2 * many + 2)
         weight = np.zeros(index.shape)

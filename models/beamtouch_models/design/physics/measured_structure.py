@@ -180,7 +180,7 @@ def _noise_mm(scene: Scene) -> float:
     return math.hypot(sensors.noise_mm, sensors.zero_drift_mm or 0.0)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=8)  # a scene is asked for it all the time
 def _structure(
     text: str,
     sensors_mm: tuple[tuple[str, tuple[float, ...]], ...],
@@ -228,7 +228,7 @@ def _structure(
     )
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=8)  # as `_structure`
 def _structure_by_theory(
     tables: tuple[str, str],
     sensors_mm: tuple[tuple[str, tuple[float, ...]], ...],

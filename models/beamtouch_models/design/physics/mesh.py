@@ -67,8 +67,6 @@ def mesh_of(beam: Beam) -> Mesh:
     """
     length, reference = beam.length_mm, beam.rigidity_n_mm2
     foundation = (beam.foundation_n_mm2 or 0.0) * length / reference * length * length * length
-    if not np.isfinite(foundation):
-        raise SceneError(_too_stiff(beam))
     node = _nodes(beam, foundation)
     ends = [section.to_mm for section in beam.sections]
     section = np.searchsorted(ends, (node[:-1] + node[1:]) / 2)
@@ -123,9 +121,9 @@ def _shear_compliance(beam: Beam) -> Floats:
     """Return EI/(k G A l^2) of each section, with EI of the stiffest; zeros if the scene states no shear modulus."""
     if beam.shear_modulus_gpa is None:
         return np.zeros(len(beam.sections))
-    modulus = SHEAR_COEFFICIENT * 1e3 * beam.shear_modulus_gpa
-    rigidity = np.array([modulus * (section.area_mm2 or 0.0) for section in beam.sections])
+    area_mm2 = np.array([section.area_mm2 for section in beam.sections], dtype=np.float64)
     with np.errstate(all="ignore"):
+        rigidity = SHEAR_COEFFICIENT * 1e3 * beam.shear_modulus_gpa * area_mm2
         compliance: Floats = beam.rigidity_n_mm2 / beam.length_mm / beam.length_mm / rigidity
     if not np.all(np.isfinite(compliance)):
         raise SceneError("beam.shear_modulus_gpa: with this section the shear deflection cannot be computed")

@@ -75,7 +75,8 @@ class PlaceTable:
 
     @cached_property
     def _line(self) -> CubicSpline:  # of one axis; three times as fast as the same spline of any number of axes
-        return CubicSpline(self._ticks[0], self.values)
+        (along,) = self._ticks
+        return CubicSpline(along, self.values)
 
     @cached_property
     def _surface(self) -> NdBSpline:

@@ -99,7 +99,7 @@ class FreePlate:
         return deflections
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=4)  # on other springs, or thicker, a plate is the same
 def free_plate(length_x: float, length_y: float, poisson: float) -> FreePlate:
     """Return a free plate of these lengths, of which the longer one is 1."""
     across = math.sqrt(ELEMENTS / (length_x * length_y))
@@ -220,7 +220,7 @@ class SupportedPlate:
         return held, solved[:-3], solved[-3:]
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=4)  # asked for influence, slopes and bends in turn
 def supported_plate(plate: Plate) -> SupportedPlate:
     """Return a plate on its supports; SceneError if it cannot be computed."""
     unit_mm = max(plate.size_mm)

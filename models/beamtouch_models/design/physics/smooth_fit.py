@@ -93,7 +93,7 @@ class SmoothFit:
             process = part.process(one)
             inner = towards @ process.solved
             left = solve_triangular(process.factor, towards.T, lower=True, check_finite=False)
-            variance = np.maximum(1 - (left**2).sum(axis=0), 0.0)[:, None] * process.square
+            variance = (1 - (left**2).sum(axis=0))[:, None] * process.square
             mean[:, part.columns] += weight * inner
             square[:, part.columns] += weight * (variance + inner**2)
         return mean * self.scale, np.sqrt(np.maximum(square - mean**2, 0.0)) * self.scale

@@ -63,10 +63,7 @@ def largest_stress_mpa(beam: Beam, force_n: float, range_mm: tuple[float, float]
 
 def _loads_mm(bounds_mm: Floats, range_mm: tuple[float, float], apart_mm: float) -> Floats:
     """Return the places of the force: both ends of the range, and some in each stretch between the bounds in it."""
-    low, high = range_mm
-    inside = bounds_mm[(bounds_mm > low) & (bounds_mm < high)]
-    marks = [low, *inside, high]
-    stretches = list(pairwise(marks))
+    stretches = list(pairwise(np.unique(np.clip(bounds_mm, *range_mm)).tolist()))
     counts = [min(max(LOADS, math.ceil((end - begin) / apart_mm)), MOST_LOADS) for begin, end in stretches]
     each = [np.linspace(*ends, count + 1) for ends, count in zip(stretches, counts, strict=True)]
     return np.unique(np.concatenate(each))

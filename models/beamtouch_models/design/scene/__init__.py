@@ -183,11 +183,12 @@ class Scene(Strict):
     @property
     def beam(self) -> Beam:
         """The beam, for what needs one; SceneError if the scene states none."""
-        if other := [name for name in ("plate", "measured") if getattr(self, name) is not None]:
-            raise SceneError(
-                f"this is for beams, but the scene has [{other[0]}]; `resolve(scene).influence.at` has the influence "
-                "of any structure, and `resolve(scene)` all that follows from it"
-            )
+        for other in ("plate", "measured"):
+            if getattr(self, other) is not None:
+                raise SceneError(
+                    f"this is for beams, but the scene has [{other}]; `resolve(scene).influence.at` has the influence "
+                    "of any structure, and `resolve(scene)` all that follows from it"
+                )
         if self.stated_beam is None:
             raise SceneError(
                 "beam is missing; add it (`resolve` also takes an influence function of your own in its place, for "

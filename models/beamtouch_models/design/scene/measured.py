@@ -144,7 +144,7 @@ class Measured(Strict):
         """Length along each axis, as stated or up to the last load or sensor."""
         reached = self.loads.place_mm.max(axis=0).tolist()
         return tuple(
-            max(reached[axis], *(place[axis] for place in self._stated_places.values()), 0.0)
+            max([reached[axis], *(place[axis] for place in self._stated_places.values())])
             if length_mm is None
             else length_mm
             for axis, length_mm in enumerate(self._stated_lengths.values())
