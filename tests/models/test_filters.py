@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.filters import Chain, FloatArray, Mean
+from beamtouch_models.filters.chain import readings_within, unit_of
 
 WHITE = np.random.default_rng(7).standard_normal((60_000, 2))
 NAN = math.nan
@@ -49,3 +50,70 @@ def test_a_bad_reading_of_one_channel_leaves_the_others_alone() -> None:
     alone = filtered(Mean("moving-average", 3), values[:, 1:])
     together = filtered(Mean("moving-average", 3), values)
     np.testing.assert_array_equal(together[:, 1:], alone)
+
+
+@pytest.mark.parametrize(
+    ("time_ms", "rate_hz", "readings"),
+    # As many as are there whole, or as good as whole.
+    [
+        (30.0, 100.0, 3),
+        (39.9, 100.0, 3),
+        (29.99999, 100.0, 3),
+        (29.9999, 100.0, 2),
+        (1e3 / 3, 300.0, 100),
+        (1.9, 500, 0),
+    ],
+)
+def test_readings_within_a_time_are_whole_ones(time_ms: float, rate_hz: float, readings: int) -> None:
+    assert readings_within(time_ms, rate_hz) == readings
+
+
+def test_readings_at_rest_deviate_by_their_noise_or_by_half_a_step() -> None:
+    assert unit_of(0.3, 0.8, 2).tolist() == [0.4, 0.4]
+    assert unit_of(np.array([0.3, 0.5]), -0.8, 2).tolist() == [0.4, 0.5]
+    assert unit_of(0.3, np.array([0.5, 0.7]), 2).tolist() == [0.3, 0.35]
+
+
+@pytest.mark.parametrize(
+    ("mean", "most"),
+    [
+        (Mean("growing-mean", 4, 90), 90),
+        (Mean("moving-average", 4, 90), 4),
+        (Mean("none", 4, 90), 1),
+    ],
+)
+def test_a_mean_has_no_more_readings_than_its_kind_allows(mean: Mean, most: int) -> None:
+    assert (mean.most, mean.grows) == (most, mean.kind == "growing-mean")
+    still = 1e-3 * WHITE[:200]
+    assert np.nanmax(Chain(mean, 2, 1.0).apply(still).readings) == pytest.approx(most)
+
+
+def test_a_long_input_is_filtered_as_its_parts_are() -> None:
+    mean, values = Mean("growing-mean", 3, 50, 6.0), WHITE[:700] + 5.0 * (np.arange(700) > 300)[:, np.newaxis]
+    whole, chain = Chain(mean, 2, 1.0, 9.0).apply(values), Chain(mean, 2, 1.0, 9.0)
+    for start in range(0, 700, 7):
+        part = chain.apply(values[start : start + 7])
+        np.testing.assert_array_equal(part.mean_mm, whole.mean_mm[start : start + 7])
+        np.testing.assert_array_equal(part.covariance_mm2, whole.covariance_mm2[start : start + 7])
+
+
+def test_lost_readings_are_rows_without_values() -> None:
+    mean, values = Mean("growing-mean", 3, 50, 6.0), WHITE[:60]
+    lost = [0] * 60
+    lost[20], lost[41] = 3, 1
+    rows = np.insert(values, [20, 20, 20, 41], np.nan, axis=0)
+    came = ~np.isnan(rows[:, 0])
+    gapped, whole = Chain(mean, 2, 1.0, 9.0).apply(values, lost), Chain(mean, 2, 1.0, 9.0).apply(rows)
+    np.testing.assert_array_equal(gapped.mean_mm, whole.mean_mm[came])
+    np.testing.assert_array_equal(gapped.covariance_mm2, whole.covariance_mm2[came])
+    np.testing.assert_array_equal(gapped.moves, whole.moves[came])
+
+
+def test_a_chain_that_restarts_knows_nothing() -> None:
+    chain = Chain(Mean("growing-mean", 3, 50, 6.0), 2, 1.0, 9.0)
+    first = chain.apply(WHITE[:40])
+    chain.apply(WHITE[40:90] + 9.0)
+    chain.restart()
+    again = chain.apply(WHITE[:40])
+    np.testing.assert_array_equal(again.mean_mm, first.mean_mm)
+    np.testing.assert_array_equal(again.covariance_mm2, first.covariance_mm2)
