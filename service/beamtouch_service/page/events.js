@@ -6,6 +6,8 @@ import { inWords } from "./places.js";
 import { named, say } from "./say.js";
 import { clock as timeOf, zone } from "./times.js";
 
+const AGAIN_MS = 5000;
+
 export class Events {
   constructor(token) {
     this.token = token;
@@ -28,7 +30,7 @@ export class Events {
     } catch {
       // The feed says that the connection is lost; what happened before still happened.
     }
-    this.timer = setTimeout(() => this.follow(this.surface), 5000);
+    this.timer = setTimeout(() => this.follow(this.surface), AGAIN_MS);
   }
 
   /** Say whether something acts on the surface now; if not, or without news, no event is shown as going on. */
@@ -46,7 +48,7 @@ export class Events {
     const body = byId("events");
     const known = new Map([...body.rows].map((row) => [row.dataset.of, row]));
     events.forEach((event, index) => {
-      const of = JSON.stringify([event, this.current]);
+      const of = JSON.stringify([event, this.current, timeOf(new Date(event.touched_at))]);
       const row = known.get(of) ?? this.row(event, of);
       if (body.rows[index] !== row) body.insertBefore(row, body.rows[index] ?? null);
     });

@@ -8,21 +8,28 @@ const DAY = { day: "numeric", month: "short", year: "numeric" };
 /** Return a time with its zone, and its day unless that is today. */
 export function inZone(at) {
   const date = new Date(at);
+  return date.toLocaleString(locale, isToday(date) ? ZONED : { ...DAY, ...ZONED });
+}
+
+function isToday(date) {
   const [day, today] = [date, new Date()].map((one) => one.toLocaleDateString(locale, { timeZone }));
-  return date.toLocaleString(locale, day === today ? ZONED : { ...DAY, ...ZONED });
+  return day === today;
 }
 
 /** Return the name of the zone. */
 export const zone = () =>
   new Intl.DateTimeFormat(locale, { timeZoneName: "short", timeZone }).formatToParts().find(({ type }) => type === "timeZoneName").value;
 
-/** Return the time of a day, without its zone. */
-export const clock = (date) => date.toLocaleTimeString(locale, { timeZone });
+/** Return a time without its zone, with its day unless that is today, and with its year unless that is this one. */
+export function clock(date) {
+  const time = date.toLocaleTimeString(locale, { timeZone });
+  return isToday(date) ? time : `${day(date, "short")}, ${time}`;
+}
 
-/** Return the day in words, with its year unless that is this one. */
-export function day(at) {
+/** Return the day in words, with its year unless that is this one; `month` is how long the name of the month is. */
+export function day(at, month = "long") {
   const [date, now] = [new Date(at), new Date()];
   const [year, thisYear] = [date, now].map((one) => one.toLocaleDateString(locale, { year: "numeric", timeZone }));
-  const parts = { day: "numeric", month: "long", ...(year === thisYear ? {} : { year: "numeric" }) };
+  const parts = { day: "numeric", month, ...(year === thisYear ? {} : { year: "numeric" }) };
   return date.toLocaleDateString(locale, { ...parts, timeZone });
 }

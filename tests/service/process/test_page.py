@@ -4,6 +4,8 @@ import json
 import re
 import signal
 import time
+from datetime import datetime, timedelta
+from functools import partial
 from itertools import count, pairwise
 from pathlib import Path
 
@@ -162,6 +164,27 @@ def durations(seen: Watched) -> list[str]:
     script = "rows => rows.map(row => row.cells[3].textContent)"
     found: list[str] = seen.page.eval_on_selector_all("#events tr", script)
     return found
+
+
+@pytest.mark.promise("docs/reference/page.md", "An event that did not begin today is shown with its day.")
+def test_an_event_of_another_day_is_shown_with_it(fresh: Service, open_page: OpenPage) -> None:
+    fresh.post(batch_of([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
+    seen = open_page(fresh.url, often=("events",), timezone_id="UTC")
+    seen.page.wait_for_selector("#events tr")
+    began = datetime.fromisoformat(seen.page.get_attribute("#events time", "datetime") or "")
+
+    def is_shown(wanted: str) -> bool:
+        return seen.page.inner_text("#events time") == wanted
+
+    def shown_at(now: datetime, wanted: str) -> None:
+        seen.page.clock.set_fixed_time(now)
+        wait_until(partial(is_shown, wanted), pause_s=0.1)
+
+    clock = f"{began:%H:%M:%S}"
+    shown_at(began, clock)
+    shown_at(began + timedelta(days=1), f"{began:%-d %b}, {clock}")
+    shown_at(began + timedelta(days=400), f"{began:%-d %b %Y}, {clock}")
+    shown_at(began, clock)
 
 
 def test_the_contact_of_a_sender_that_fell_silent_is_shown_as_ended(
