@@ -168,6 +168,16 @@ def test_the_trail_tells_once_a_day_how_many_events_were_deleted_and_forgets_non
     assert told(limited) == [{"too_old": number, "beyond_max_mb": 0} for number in (100, 153)]
 
 
+def test_deletions_are_told_again_once_a_whole_day_of_the_record_has_passed(transactions: Transactions) -> None:
+    limited = Limited(transactions)
+    limited.put(1)
+    limited.put(2, recorded_s=1.5)
+    for at_s, entries in ((1.0, 1), (2.0, 1), (86_400.5, 1), (86_401.0, 2)):
+        limited.look(DAY_S + at_s)
+        assert len(told(limited)) == entries
+    assert told(limited)[-1] == {"too_old": 2, "beyond_max_mb": 0}
+
+
 def test_the_trail_stays_when_the_record_is_beyond_its_size(transactions: Transactions) -> None:
     limited = Limited(transactions, keep_days=30.0, max_mb=1.0)
     limited.put(60, path_bytes=40_000)

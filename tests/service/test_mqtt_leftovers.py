@@ -113,7 +113,7 @@ def test_what_may_not_be_read_is_a_line_once_if_it_matters(
 
 def test_a_request_that_ends_the_connection_twice_in_a_row_is_made_no_more(caplog: pytest.LogCaptureFixture) -> None:
     cutting: dict[str, Exception] = {ASKED[1]: LOST}
-    plan = (cutting, {}, cutting, cutting, cutting)
+    plan: list[dict[str, Exception]] = [cutting, {}, cutting, cutting, cutting]
     asked = begin(made(), *(Scripted(refused=dict(refused)) for refused in plan))
     whole, cut, without = [*ASKED, "confirm"], ASKED[:2], [ASKED[0], ASKED[2], "confirm"]
     assert asked == [cut, whole, cut, cut, without]

@@ -5,7 +5,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import Connection, insert, select
 
 from beamtouch_service.record.database.errors import RecordAwayError, RecordUnusableError
 from beamtouch_service.record.database.tables import DESTINATIONS
@@ -25,6 +25,21 @@ def test_a_record_in_a_file_lasts_and_one_in_memory_does_not(tmp_path: Path) -> 
     for transactions, is_lasting in ((opened(tmp_path / "events.db"), True), (Transactions(EventsSection()), False)):
         with closing(transactions):
             assert (transactions.is_lasting, transactions.away_because) == (is_lasting, "")
+
+
+def test_a_record_in_a_file_is_on_the_disk_after_each_commit_and_readers_change_nothing(tmp_path: Path) -> None:
+    def read(connection: Connection, *names: str) -> list[object]:
+        return [connection.exec_driver_sql(f"PRAGMA {name}").scalar() for name in names]
+
+    names = ("journal_mode", "synchronous", "foreign_keys", "page_size", "journal_size_limit")
+    with closing(opened(tmp_path / "events.db")) as transactions:
+        with transactions.database.writing() as connection:
+            # FULL: a commit is there after the power has failed, too. Pages are small, as events are.
+            assert read(connection, *names, "query_only") == ["wal", 2, 1, 1024, 4 * 2**20, 0]
+        with transactions.database.reading() as connection:
+            assert read(connection, "query_only") == [1]
+    with closing(Transactions(EventsSection())) as transactions, transactions.database.writing() as connection:
+        assert read(connection, "foreign_keys") == [1]
 
 
 def test_a_file_that_cannot_be_opened_now_is_away_with_the_remedy_and_opened_once_it_can_be(tmp_path: Path) -> None:

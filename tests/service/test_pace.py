@@ -131,3 +131,49 @@ def test_turns_are_common_to_all_surfaces(press: Press) -> None:
     pace.note_told([other.surface], 1.04)
     other.take(TOUCHING, 1.05)
     assert pace.due(1.1) == [press.surface, other.surface]
+
+
+def test_turns_stay_in_step_unless_one_was_missed(press: Press) -> None:
+    pace = Pace([press.surface], turn_s=0.25)
+    found = []
+    for told_s in (1.0, 1.375, 1.75, 2.625):  # due from 1.25, 1.5 and 2.0 on: the third is a whole turn late
+        press.take(RESTING, told_s)
+        assert pace.due(told_s) == [press.surface]
+        pace.note_told([press.surface], told_s)
+        press.take(RESTING, told_s)
+        found.append(told_s + pace.wait_s(told_s))
+    assert found == [1.25, 1.5, 2.0, 2.875]
+
+
+def test_a_listener_of_no_surface_looks_again_within_a_second_and_uses_no_turn(press: Press) -> None:
+    assert Pace([], turn_s=0.1).wait_s(50.0) == pytest.approx(ALIVE_S)
+    assert ALIVE_S == 0.9
+    pace = Pace([press.surface], turn_s=100.0)
+    pace.note_told([], 1.0)
+    assert pace.has_news(press.surface, 1.0)
+    assert pace.wait_s(1.0) == 0.0
+
+
+def test_between_two_turns_a_listener_that_is_not_told_at_once_has_no_news(press: Press) -> None:
+    pace = Pace([press.surface], turn_s=0.5, tells_status_at_once=False)
+    press.take(RESTING, 10.0)
+    assert pace.has_news(press.surface, 10.0)
+    pace.note_told([press.surface], 10.0)
+    press.take(TOUCHING, 10.125)
+    for at_s, is_due in ((10.125, False), (10.499, False), (10.5, True)):
+        assert pace.has_news(press.surface, at_s) is is_due
+        assert pace.due(at_s) == [press.surface] * is_due
+    assert pace.wait_s(10.125) == pytest.approx(0.375)
+
+
+def test_a_listener_looks_at_the_next_turn_only_for_a_sample_that_it_has_not_seen(press: Press) -> None:
+    press.surface.stale_ms = 60_000
+    pace = Pace([press.surface], turn_s=0.25)
+    press.take(TOUCHING, 10.0)
+    pace.note_told([press.surface], 10.0)
+    assert pace.wait_s(10.125) == pytest.approx(0.775)
+    press.take(TOUCHING, 10.125)
+    assert pace.wait_s(10.125) == pytest.approx(0.125)
+    # The turn is over: whoever asks then was late, and looks again when it is due anyway.
+    assert pace.due(10.25) == [press.surface]
+    assert pace.wait_s(10.25) == pytest.approx(0.65)
