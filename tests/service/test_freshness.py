@@ -223,7 +223,7 @@ def test_samples_are_as_old_as_the_newest_one_and_what_is_before_it_and_no_time_
 
     def tell(acquired_s: float, *at_us: int) -> list[tuple[float, float]]:
         samples = [parsed().samples[0].model_copy(update={"acquired_unix_us": one}) for one in at_us]
-        return [tuple(moment) for moment in clock.tell(samples, acquired_s)]
+        return [(one.taken_s, one.passed_s) for one in clock.tell(samples, acquired_s)]
 
     assert tell(100.0, 7_000_000, 7_250_000, 8_000_000) == [(99.0, 0.5), (99.25, 0.25), (100.0, 0.5)]
     # One of a clock that was set back is no newer than the newest; and this batch was quicker than the one before.
