@@ -4,6 +4,7 @@ from math import inf, nan
 
 import pytest
 
+from beamtouch_common.zones import Zone
 from beamtouch_models.runtime import ModelFile
 from beamtouch_service.record.events.boot_record import MAX_CAPTURED, MAX_WAITING, BootRecord, _short
 from beamtouch_service.record.events.changes import Change, Cursor
@@ -20,8 +21,8 @@ from support.surfaces.small_model import model_of
 CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]
 
 
-def begun(durable: int = 0, model: ModelFile | None = None) -> BootRecord:
-    return BootRecord("press-7", SurfaceSection(), "boot-0001", model or model_of(), durable)
+def begun(durable: int = 0, model: ModelFile | None = None, section: SurfaceSection | None = None) -> BootRecord:
+    return BootRecord("press-7", section or SurfaceSection(), "boot-0001", model or model_of(), durable)
 
 
 def add(boot: BootRecord, *rows: Row) -> BootRecord:
@@ -53,6 +54,15 @@ def test_a_boot_is_dirty_while_a_sample_or_an_event_is_not_durable() -> None:
     assert (boot.is_dirty, boot.has_ended) == (False, False)
     boot.lose()
     assert (boot.is_dirty, boot.has_ended, boot.expected) == (True, True, 8)
+
+
+def test_an_event_adds_up_how_long_its_contact_was_inside_each_zone() -> None:
+    zones = {"gate": Zone(from_mm=120, to_mm=200), "far": Zone(from_mm=250, to_mm=300)}
+    boot = add(begun(section=SurfaceSection(zones=zones)), RESTING, *[TOUCHING] * 4)  # at 150 mm, each 5 ms
+    assert boot.event is not None
+    assert boot.event.event.zones == {"gate": 15_000}
+    add(boot, TOUCHING)
+    assert boot.event.event.zones == {"gate": 20_000}
 
 
 def test_a_boot_has_room_for_20_000_samples_that_are_not_durable() -> None:

@@ -137,8 +137,6 @@ class Recorder:
         """Add one sample after another, as long as the record expects them. Between two it may have changed."""
         surface, model, boot = record.surface, record.model, record.boot(batch.boot_id)
         samples = [sample for sample in batch.samples if boot and sample.sequence >= boot.expected]
-        if samples and boot and batch.oldest is not None and samples[0].sequence > boot.expected:
-            return
         estimator = Estimator(model, surface.name)
         known = [weighed[sample.sequence] for sample in samples if sample.sequence in weighed]
         for estimate in known if len(known) == len(samples) else estimator.estimate(batch, samples):
