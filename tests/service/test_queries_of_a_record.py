@@ -14,7 +14,6 @@ from beamtouch_service.record import Begin, End, Event, EventKind
 from beamtouch_service.record.database.errors import UnreadableRowError
 from beamtouch_service.record.database.tables import EVENTS
 from beamtouch_service.record.database.values import Unreadable
-from beamtouch_service.record.reading import queries
 from beamtouch_service.record.reading.queries import find_axes, find_best_samples, find_events, read_events
 from beamtouch_service.record.reading.readers import Reader
 from beamtouch_service.record.writing.transactions import Transactions
@@ -47,7 +46,7 @@ class Kept:
 
 @pytest.fixture
 def kept(monkeypatch: pytest.MonkeyPatch) -> Iterator[Kept]:
-    monkeypatch.setattr(queries.time, "time", lambda: NOW_S)
+    monkeypatch.setattr("beamtouch_service.record.reading.queries.time.time", lambda: NOW_S)
     with closing(Transactions(EventsSection())) as transactions:
         yield Kept(transactions)
 
