@@ -17,10 +17,10 @@ NOISE_MM, LARGEST_MM = 0.002, 2.2
 
 
 def nominal_of(
-    force_n: tuple[float, float] = (2.0, 20.0), drift_mm_per_min: float = 0.001, supports: str = "simply-supported"
+    force_n: tuple[float, float] = (2.0, 20.0), drift_mm_per_min: float = 0.001, **beam: object
 ) -> NominalSurface:
     """Return the surface; contacts are at 1 to 399 mm."""
-    scene = change_scene(paper_scene(), beam={"supports": supports}, contact={"force_n": force_n})
+    scene = change_scene(paper_scene(), beam={"supports": "simply-supported"} | beam, contact={"force_n": force_n})
     prior = Prior.of(influence_of(scene), on_axis(SENSORS_MM), Errors(NOISE_MM))
     return NominalSurface(structure_of(scene), 0.0, SENSORS_MM, prior, LARGEST_MM, drift_mm_per_min, "mm", None)
 

@@ -69,6 +69,9 @@ def test_an_entry_of_one_is_a_plausible_departure_of_a_plate_with_springs() -> N
     assert found.spring_stiffness == pytest.approx(np.exp(0.1 * vector[11:15]))
     assert found.offset_mm == pytest.approx(3 * 0.007 * vector[15:])
     assert nominal.vector_of(found) == pytest.approx(vector)
+    # The model of a plate that was never calibrated states neither.
+    assert (Departures.none(3).across_offset_mm, Departures.none(3).spring_stiffness) == (None, None)
+    assert not nominal.vector_of(Departures.none(3)).any()
 
 
 def test_standard_errors_are_in_the_units_of_the_departures(nominal: NominalSurface) -> None:

@@ -57,6 +57,14 @@ def test_a_power_law_comes_back_from_deflections_that_a_theory_knows() -> None:
     assert fit.straighten(shown) == pytest.approx(STRAIGHT_MM, rel=0.01)
 
 
+def test_a_characteristic_rises_also_where_loads_say_that_it_falls() -> None:
+    shown = np.array([0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+    falling = shown * [1, 1, 1, 1, 1, 0.5, 0.3, 0.5, 1, 1, 1]
+    fit = Characteristic.fit_to_known(falling, shown, NOISE_MM)
+    assert np.diff(np.log(fit.straight_mm[2:])).min() == pytest.approx(1e-6, rel=1e-3)
+    assert np.diff(fit.straight_mm[:3]).min() > 0
+
+
 def test_a_straight_sensor_is_straight() -> None:
     fit = Characteristic.fit("a", PLACE_MM[:, None], FORCE_N, STRAIGHT_MM, NOISE_MM)
     between = np.linspace(0.05, 0.6, 30)
@@ -85,7 +93,8 @@ def test_loads_that_do_not_tell_a_characteristic_are_refused(chosen: Floats, sig
 def test_two_forces_at_three_places_are_enough() -> None:
     chosen = (PLACE_MM < 200) & ((FORCE_N == 2) | (FORCE_N == 12))
     Characteristic.fit("a", PLACE_MM[chosen][:, None], FORCE_N[chosen], STRAIGHT_MM[chosen], NOISE_MM)
-    # A third place whose smaller force is in the noise has one force only.
+    # A third place whose smaller force is in the noise, with less than two of it, has one force only.
+    Characteristic.fit("a", PLACE_MM[chosen][:, None], FORCE_N[chosen], STRAIGHT_MM[chosen], 0.0199)
     with pytest.raises(SceneError, match="at fewer than 3 places"):
         Characteristic.fit("a", PLACE_MM[chosen][:, None], FORCE_N[chosen], STRAIGHT_MM[chosen], 0.021)
 

@@ -250,7 +250,14 @@ def test_drift_during_the_session_is_fitted_with_the_times_of_the_loads(cantilev
     loads = recorded(metadata, random_imperfections(metadata, rng), rng)
     rates = np.array([4.0, 6.0, 3.0])
     drifted_mm = loads.measured_mm + 1e-3 * rates * loads.minutes[:, None]
-    found = checked_fit(cantilever, dataclasses.replace(loads, measured_mm=drifted_mm), silent).fit
+    told = list[tuple[str, float]]()
+    drifted = dataclasses.replace(loads, measured_mm=drifted_mm)
+    found = checked_fit(cantilever, drifted, lambda words, share: told.append((words, share))).fit
+    assert [words for words, _ in told] == [
+        *["looking for loads that do not fit"] * 10, "fitting", *["leaving out one load at a time"] * 10,
+    ]  # fmt: skip
+    shares = [*np.arange(10) * 0.03, 0.4, *0.5 + np.arange(10) * 0.02]
+    assert [share for _, share in told] == pytest.approx(shares)
     assert found.session.rates_um_per_min(found.vector) == pytest.approx(rates, abs=0.5)
 
 

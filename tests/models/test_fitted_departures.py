@@ -197,6 +197,11 @@ def test_combinations_of_sizes_are_weighed_by_the_probability_of_the_recording(n
     assert left[1] == pytest.approx(left[0], rel=0.02)
 
 
+def test_on_a_foundation_the_rigidity_is_told_from_gains() -> None:
+    soft = nominal_of(foundation_n_mm2=0.05)
+    assert not has_one_scale(fit(soft, loads_on(soft, REAL), ("gain", "rigidity")))
+
+
 @pytest.mark.parametrize("share", [0.01, 0.3])
 def test_a_contact_is_single_by_the_odds_of_its_misfit(share: float) -> None:
     misfit, degrees = np.array([0.0, 2.0, 9.0, 30.0, 200.0, 3000.0, 1e7]), 3

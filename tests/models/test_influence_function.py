@@ -105,6 +105,7 @@ def test_a_gap_in_the_measurements_is_refused_where_it_is_asked_for() -> None:
         ("load_mm", np.array([25.0, float("nan"), 475.0])),
         ("load_mm", LOADS_MM[::-1]),
         ("load_mm", np.concatenate([np.linspace(25.0, 50.0, 90), [475.0]])),
+        ("load_mm", np.array([25.0, 250.0, 475.01])),
         ("load_mm", LOADS_MM + 100),
         ("force_n", (2.0, 1.0)),
         ("unit_mm_per_n", 0.0),
@@ -115,6 +116,10 @@ def test_a_gap_in_the_measurements_is_refused_where_it_is_asked_for() -> None:
 def test_a_bad_field_is_refused_by_its_name(name: str, value: object) -> None:
     with pytest.raises(ValueError, match=f"^{name} of an influence function must"):
         InfluenceFunction(**{**GOOD, name: value})
+
+
+def test_steps_of_loads_may_differ_by_a_millionth() -> None:
+    assert InfluenceFunction(**GOOD | {"load_mm": np.array([25.0, 250.0, 475.0001])}).position_mm == (25, 475.0001)
 
 
 def string_scene(**sensors: object) -> models.Scene:

@@ -41,7 +41,18 @@ TWO_AT_ONCE = dataclasses.replace(OFF, two_at_once=0.1)
 def found(bench: ModelFile) -> tuple[SelfCalibrated, Imperfections]:
     """The bench's model from 200 contacts, of which a tenth are two at once."""
     contacts, real = random_contacts(bench, TWO_AT_ONCE, 3)
-    return self_calibrate(bench, contacts, silent, Effort(ROUGH)), real
+    told = list[tuple[str, float]]()
+    made = self_calibrate(bench, contacts, lambda words, share: told.append((words, share)), Effort(ROUGH))
+    assert list(dict.fromkeys(words for words, _ in told)) == [
+        "fitting", "looking for another beam", "making the estimator", "measuring the accuracy against the limit",
+    ]  # fmt: skip
+    shares = [share for _, share in told]
+    assert shares[:2] == [0.0, 0.3]
+    assert shares[2] == pytest.approx(0.7)
+    assert all(0.7 <= share <= 0.8 for share in shares[2:-1])
+    assert shares == sorted(shares)
+    assert shares[-1] == 0.85
+    return made, real
 
 
 def test_200_contacts_bring_the_error_to_the_limit(

@@ -207,7 +207,7 @@ def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
     rng = np.random.default_rng(seed)
     clean = loads.force_n[:, None] * prior.influence_at(loads.place_mm)
     noise = rng.normal(size=(draws, *clean.shape)) * prior.errors.deviation_mm(clean)
-    readings = (clean + noise).reshape(-1, prior.channels)
+    readings = np.concatenate(clean + noise)
     found_mm = limit.posterior_places_mm(prior, readings).reshape(draws, *loads.place_mm.shape)
     return float(distances_mm(found_mm - loads.place_mm).mean())
 

@@ -42,8 +42,8 @@ def _combinations(full: Fit) -> tuple[Floats, Floats, Floats, Floats]:
     session = full.session
     residuals = session.residuals(full.vector)
     whitening = residuals.whitening(full.errors)
-    weighed = (whitening @ session.slopes(full.vector, full.kinds)).reshape(-1, session.size)
-    shown = (whitening @ residuals.left_mm[..., None]).reshape(-1) + weighed @ full.vector
+    weighed = np.concatenate(whitening @ session.slopes(full.vector, full.kinds))
+    shown = (whitening @ residuals.left_mm[..., None]).ravel() + weighed @ full.vector
     information, pull = weighed.T @ weighed, weighed.T @ shown
     sizes = np.array(list(product(SIZES, repeat=len(full.kinds))))
     closed = dict.fromkeys(session.kinds, 0.0)

@@ -123,7 +123,7 @@ def _log_evidence(
     It is that of all departures that their priors allow (Laplace's approximation; MacKay 1992, doi
     10.1162/neco.1992.4.3.415), so departures that gain little cost more than they bring.
     """
-    whitened = (whitening @ residuals.left_mm[..., None])[..., 0]
+    whitened = np.einsum("lij,lj->li", whitening, residuals.left_mm)
     _, log_weights = np.linalg.slogdet(whitening)
     _, log_volume = np.linalg.slogdet(covariance)
     fitted, stated = _own(errors), _own(about)
@@ -158,7 +158,7 @@ def _solve(session: Session, kinds: tuple[str, ...], about: Floats, vector: Floa
     here = price(vector)
     for _ in range(STEPS if len(free) else 0):
         weighed = whitening @ session.slopes(vector, kinds)[..., free]
-        whitened = (whitening @ session.residuals(vector).left_mm[..., None])[..., 0]
+        whitened = np.einsum("lij,lj->li", whitening, session.residuals(vector).left_mm)
         step, _ = best_step(weighed, whitened, vector[free], about[free], (low - vector[free], high - vector[free]))
         # Far from the truth, as with a wrong wiring, a whole step may lead to a worse place.
         for _ in range(HALVINGS):

@@ -135,7 +135,7 @@ def fit_contacts(
         slopes = nominal.slopes(vector, located.place_mm, located.force_n, kinds)[..., free]
         about = np.maximum(np.where(sized, size, zeros[free]), MIN_SIZE**2)
         whitening = np.sqrt(single)[:, None, None] * located.residuals.whitening(errors)
-        weighed, whitened = whitening @ slopes, (whitening @ located.residuals.left_mm[..., None])[..., 0]
+        weighed, whitened = whitening @ slopes, np.einsum("lij,lj->li", whitening, located.residuals.left_mm)
         room = bounds[0] - vector[free], bounds[1] - vector[free]
         step, covariance = best_step(weighed, whitened, (vector - start)[free], about, room)
         vector = vector.copy()
@@ -211,7 +211,7 @@ class RemainingUncertainty:
 
 def stated_mm(per_gain_mm: Floats, gain: Floats) -> Floats:
     """Return the standard deviation (places,) of the place that a floor of the gains (channels,) states."""
-    deviation_mm: Floats = np.linalg.norm((per_gain_mm * gain).reshape(len(per_gain_mm), -1), axis=1)
+    deviation_mm: Floats = np.linalg.norm(per_gain_mm * gain, axis=(1, 2))
     return deviation_mm
 
 

@@ -16,7 +16,7 @@ from beamtouch_common.digits import Rounded
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError, require
 from beamtouch_models.numbers import array_of
-from beamtouch_models.places import Extent, grid_of
+from beamtouch_models.places import Extent, grid_of, in_rows
 
 EVEN = 1e-6
 """Largest difference between the steps of even load positions, relative to a step."""
@@ -125,7 +125,7 @@ class InfluenceFunction:
     @property
     def place_mm(self) -> Floats:
         """The places of the loads, (loads, axes)."""
-        return self.load_mm.reshape(len(self.load_mm), -1)
+        return in_rows(self.load_mm, len(self.size_mm))
 
     @property
     def extent(self) -> Extent:
@@ -153,7 +153,7 @@ class InfluenceFunction:
         loads at once they add up, as a sensor is at one place only. What the interpolation of a table leaves stands
         behind them, as if it were one more axis, and then how far loads do not repeat. Errors as `at`.
         """
-        sensor_mm = np.reshape(sensor_mm, (-1, len(self.size_mm)))
+        sensor_mm = in_rows(sensor_mm, len(self.size_mm))
         deviation = np.empty((len(load_mm), *sensor_mm.shape))
         for axis, step in enumerate(tolerance_mm * np.eye(sensor_mm.shape[1])):
             left, right = (np.clip(sensor_mm + side * step, 0.0, self.size_mm) for side in (-1, 1))
@@ -179,7 +179,7 @@ class InfluenceFunction:
         """
         if self.interpolation is None or self.interpolation.shared_at is None:
             return None
-        loadings = self.interpolation.shared_at(np.reshape(sensor_mm, (-1, len(self.size_mm))))
+        loadings = self.interpolation.shared_at(in_rows(sensor_mm, len(self.size_mm)))
         return loadings if loadings.shape[1] else None
 
 
@@ -197,7 +197,7 @@ def _checked(
     at: Callable[[Floats, Floats], Floats], axes: int, is_beam: bool, sensor_mm: Floats, load_mm: Floats
 ) -> Floats:
     """Return what the user's function returns; ValueError unless these are finite numbers of the right shape."""
-    sensor_mm, load_mm = (np.reshape(places, (-1, axes)) for places in (sensor_mm, load_mm))
+    sensor_mm, load_mm = (in_rows(places, axes) for places in (sensor_mm, load_mm))
     sensors, loads = (sensor_mm[:, 0], load_mm[:, 0]) if is_beam else (sensor_mm, load_mm)
     matrix, wanted = array_of(at(sensors, loads), "at of an influence function"), (len(load_mm), len(sensor_mm))
     must = "at of an influence function must return finite values of shape (loads, sensors)"

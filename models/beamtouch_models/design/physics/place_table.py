@@ -59,12 +59,13 @@ class PlaceTable:
         )
         # Of the nodes, only those that a grid needs.
         near: Floats = surface.c[first[:, :, None], second[:, None, :]]
-        grids, columns = len(near), near.shape[-1]
-        rows = across @ near.reshape(*near.shape[:2], -1)
-        rows = rows.reshape(grids, -1, near.shape[2], columns).transpose(0, 2, 1, 3)
-        values = beside @ rows.reshape(grids, near.shape[2], -1)
-        values = values.reshape(grids, beside.shape[1], -1, columns).transpose(0, 2, 1, 3)
-        values = values.reshape(grids, -1, columns)
+        grids, nodes, others, columns = near.shape
+        along, over = (len(weights[0]) for weights in (across, beside))
+        rows = across @ near.reshape(grids, nodes, others * columns)
+        rows = rows.reshape(grids, along, others, columns).swapaxes(1, 2)
+        values = beside @ rows.reshape(grids, others, along * columns)
+        values = values.reshape(grids, over, along, columns).swapaxes(1, 2)
+        values = values.reshape(grids, along * over, columns)
         return values if self._least == -np.inf else np.maximum(values, self._least)
 
     def slope(self, place_mm: Floats) -> Floats:

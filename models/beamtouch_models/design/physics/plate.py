@@ -340,7 +340,7 @@ def places_of_sensors(plate: Plate, sensors: Sensors) -> tuple[Floats, Indices]:
     ]
     grid = np.minimum(grid_of(ticks), plate.size_mm)
     is_allowed = [not taken_on_plate(plate, sensors, (x, y)) for x, y in grid.tolist()]
-    fixed = np.array([xy_of(place) for place in sensors.fixed], dtype=np.float64).reshape(-1, 2)
+    fixed = np.array([xy_of(place) for place in sensors.fixed], dtype=np.float64).reshape(len(sensors.fixed), 2)
     apart = np.linalg.norm(grid[:, None] - fixed, axis=2).min(axis=1, initial=np.inf)
     places = np.unique(np.concatenate([grid[is_allowed & (apart > ROUNDING * max(plate.size_mm))], fixed]), axis=0)
     if len(places) < 2:

@@ -53,7 +53,8 @@ def largest_stress_mpa(beam: Beam, force_n: float, range_mm: tuple[float, float]
     slender = beam.model_copy(update={"shear_modulus_gpa": None})
     steps_mm = width_mm[:, None, None] * (np.array(INSIDE)[:, None] + STEP * np.array([-1.0, 0.0, 1.0]))
     deflection = influence(slender, (left_mm[:, None, None] + steps_mm).ravel(), loads_mm)
-    curvature = np.diff(deflection.reshape(len(loads_mm), -1, 2, 3), n=2)[..., 0] / (STEP * width_mm[:, None]) ** 2
+    differences = np.diff(deflection.reshape(len(loads_mm), len(width_mm), 2, 3), n=2)[..., 0]
+    curvature = differences / (STEP * width_mm[:, None]) ** 2
     beyond = INSIDE[0] / (INSIDE[1] - INSIDE[0])
     first, last = curvature[..., 0], curvature[..., 1]
     ends = np.stack([first + beyond * (first - last), last + beyond * (last - first)])

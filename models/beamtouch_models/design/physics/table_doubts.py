@@ -7,7 +7,7 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.smooth_fit import SmoothFit
-from beamtouch_models.places import in_words
+from beamtouch_models.places import in_words, positions_of
 
 COARSE = {1: 0.1, 2: 0.4}
 """Largest part of the influence that may be unknown anywhere in the range of contacts, by the number of axes. A sensor
@@ -134,16 +134,16 @@ def _off_a_side(place_mm: Floats, values: Floats, index: int) -> Floats:
     A load that stands on a kink, as under a string or above a strain gauge, surprises a smooth fit, but it lies on the
     line of one of its sides. A load that is wrong lies on neither.
     """
-    along = place_mm.reshape(len(values), -1)
     off: Floats = np.full(values.shape[1], np.inf)
-    if along.shape[1] > 1:
+    if place_mm.shape[1] > 1:
         return off
-    here, distance = along[index, 0], along[:, 0] - along[index, 0]
+    along = positions_of(place_mm)
+    here, distance = along[index], along - along[index]
     for side in (distance < 0, distance > 0):
-        beside = np.unique(along[side, 0])
+        beside = np.unique(along[side])
         near, next_to_it = beside[np.abs(beside - here).argsort()[:2]] if len(beside) > 1 else (here, here)
         if near != next_to_it:
-            first, second = (values[along[:, 0] == place].mean(axis=0) for place in (near, next_to_it))
+            first, second = (values[along == place].mean(axis=0) for place in (near, next_to_it))
             line = first + (first - second) * (here - near) / (near - next_to_it)
             off = np.fmin(off, np.abs(values[index] - line))
     return off
