@@ -153,6 +153,12 @@ def test_the_mean_error_is_that_of_posteriors_by_a_plain_sum(
     assert given.along_mm(LAYOUT, without) == pytest.approx(expected, rel=0.01, abs=0.01)
 
 
+def test_a_range_of_forces_that_is_next_to_none_is_one_force() -> None:
+    known, nearly = (mean_error([EDGES_MM], (3.0, end)) for end in (3.0, 3.0 + 2e-6))
+    given = replace(nearly, sample_mm=known.sample_mm)
+    assert given.of_each(LAYOUT) == pytest.approx(known.of_each(LAYOUT), rel=1e-5)
+
+
 def test_beside_a_support_a_posterior_is_as_wide_as_a_plain_sum_says() -> None:
     given = mean_error([EDGES_MM], (2.0, 7.0), faint=True)
     assert np.abs(given.shapes[-1]).max() < 1e-3 * np.abs(given.shapes).max()

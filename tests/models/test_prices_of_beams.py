@@ -10,10 +10,11 @@ import pytest
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.pricing.effect import Effect
-from beamtouch_models.design.scene import Scene
+from beamtouch_models.design.scene import Scene, make_scene
 from beamtouch_models.design.surface import resolve
 from beamtouch_models.errors import SceneError
 from beamtouch_models.runtime.metadata_parts import FilterChoice
+from models.loaded_string import STRING
 from support.surfaces.example_scenes import paper_scene
 
 LENGTH_MM, FORCE_N, NOISE_MM = 400.0, 10.0, 0.01
@@ -88,11 +89,13 @@ def test_a_wide_contact_presses_the_middle_down_less(width_mm: float, verdict: s
     effect = priced("contact width", {"contact": {"width_mm": width_mm, "position_mm": (20, 380)}})
     assert effect.price == pytest.approx(less_mm / NOISE_MM, rel=0.01)
     assert told(effect) == (verdict, f"{width_mm:g} mm")
-    assert told(priced("contact width")) == ("out", "the scene states a point contact")
+    point = priced("contact width")
+    assert (point.price, *told(point)) == (0.0, "out", "the scene states a point contact")
 
 
 def test_the_own_weight_is_tared_away_whatever_it_is() -> None:
-    assert told(priced("self-weight")) == ("out", "constant, so a tare removes it")
+    light = priced("self-weight")
+    assert (light.price, *told(light)) == (0.0, "out", "constant, so a tare removes it")
     heavy = "constant, so a tare removes it; set the gaps with the beam in place, as it sags by 0.163 mm"
     assert told(priced("self-weight", {"beam": {"density_kg_m3": 7850}})) == ("out", heavy)
 
@@ -130,7 +133,7 @@ def test_steps_are_priced_beside_a_uniform_beam_of_the_same_mean_compliance() ->
         assert effect.price == pytest.approx(apart / noise_mm, rel=2e-3)
         assert told(effect) == (verdict, "beside a uniform beam that is as flexible on average")
         assert effect.leave_out is not None
-    assert told(priced("steps")) == ("out", "a single section")
+    assert (priced("steps").price, *told(priced("steps"))) == (0.0, "out", "a single section")
     sheared = priced("steps", {"beam": {"segments": SEGMENTS, "shear_modulus_gpa": 80.0}}, 20 * apart)
     said = "beside a uniform beam that is as flexible on average; included, because shear depends on the sections"
     assert told(sheared) == ("in", said)
@@ -150,7 +153,7 @@ def test_a_foundation_is_priced_by_what_it_bears() -> None:
     bears = priced("foundation", alone)
     assert told(bears) == ("in", "0.5 N/mm per mm; nothing else supports the beam")
     assert bears.price == pytest.approx((priced("gain error", alone).price or 0) / 0.003)
-    assert told(priced("foundation")) == ("out", "no foundation")
+    assert (priced("foundation").price, *told(priced("foundation"))) == (0.0, "out", "no foundation")
 
 
 def test_gains_zeros_and_their_drift_are_priced_as_stated_or_assumed() -> None:
@@ -187,6 +190,14 @@ def test_a_sensor_beside_its_place_sees_the_slope_of_the_beam() -> None:
     assert tiny.leave_out(scene_with({"sensors": {"mounting_tolerance_mm": 0.01}})).sensors.mounting_tolerance_mm == 0
     exact = priced("mounting tolerance")
     assert (exact.price, *told(exact)) == (0.0, "out", "the scene states no tolerance")
+
+
+def test_an_influence_of_ones_own_that_is_no_table_leaves_nothing_open() -> None:
+    contact, sensors = {"force_n": (2.0, 20.0), "position_mm": (10.0, 390.0)}, {"noise_mm": NOISE_MM}
+    effects = resolve(make_scene(contact=contact, sensors=sensors), influence=STRING).effects
+    each = {effect.name: (effect.price, *told(effect)) for effect in effects}
+    assert each["interpolation"] == (0.0, "out", "the influence function is known everywhere")
+    assert each["repeatability"] == (0.0, "out", "the influence function is exact")
 
 
 def test_what_the_scene_does_not_state_of_its_sensors_is_said() -> None:

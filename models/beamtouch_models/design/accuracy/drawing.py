@@ -73,8 +73,8 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     from scipy.stats.qmc import Sobol  # noqa: PLC0415  # slow to import, and many commands do not need it
 
     axes, (weak, strong) = prior.extent.axes, prior.force_n
-    # Keep points off 0 and 1, where the noise would be infinite.
-    points = np.clip(Sobol(axes + 1 + prior.channels, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
+    # Points are below 1. Keep them off 0, where the noise would be infinite.
+    points = np.maximum(Sobol(axes + 1 + prior.channels, rng=rng).random(draws), 1e-10)
     return prior.extent.at(points[:, :axes]), weak + (strong - weak) * points[:, axes], ndtri(points[:, axes + 1 :])
 
 
