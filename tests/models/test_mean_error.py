@@ -154,7 +154,7 @@ def test_the_mean_error_is_that_of_posteriors_by_a_plain_sum(
 
 
 def test_a_range_of_forces_that_is_next_to_none_is_one_force() -> None:
-    known, nearly = (mean_error([EDGES_MM], (3.0, end)) for end in (3.0, 3.0 + 2e-6))
+    known, nearly = (mean_error([EDGES_MM], (3.0, end)) for end in (3.0, 3.0 + 1e-9))
     given = replace(nearly, sample_mm=known.sample_mm)
     assert given.of_each(LAYOUT) == pytest.approx(known.of_each(LAYOUT), rel=1e-5)
 
