@@ -105,3 +105,29 @@ def test_a_late_answer_is_told_from_others_by_its_unit_and_its_length() -> None:
 )
 def test_of_a_silent_unit_it_is_said_what_to_check(has_answered: bool, others_answer: bool, said: str) -> None:
     assert describe_silence("/dev/x", 7, has_answered=has_answered, others_answer=others_answer) == said
+
+
+LONG = with_crc(bytes([9, 16]) + b"\x91" * 252)
+"""A frame of 256 bytes, the most that the standard allows."""
+
+
+@pytest.mark.parametrize(
+    ("came", "said"),
+    [
+        (b"\7\7\7", "no Modbus frame: another baud rate or parity"),
+        (b"\xff\xff", "too few bytes to tell what they are"),
+        (b"\0\0", "only 00 and ff, so the line has no level"),
+        (b"\0\xff\xff", "only 00 and ff, so the line has no level"),
+        (b"\xff\xff\xff", "only 00 and ff, so the line has no level"),
+        (with_crc(bytes([9, 7])), "an intact frame with function 7, of unit 9 or to it: another master is on the line"),
+        (with_crc(bytes([9, 7])) + b"\x55", "an intact frame with function 7, of unit 9 or to it"),
+        (b"\x55\x56" + with_crc(bytes([9, 7])), "an intact frame with function 7, of unit 9 or to it"),
+        (LONG, "an intact frame with function 16, of unit 9 or to it"),
+        (LONG + b"\x55", "an intact frame with function 16, of unit 9 or to it"),
+        (with_crc(bytes([9, 16]) + b"\x91" * 253), "no Modbus frame: another baud rate or parity"),
+        (with_crc(bytes([9, 3, 0, 7, 0])), "an intact frame with function 3, of unit 9 or to it"),  # no whole request
+        (with_crc(bytes([9, 5, 0, 7, 255, 0])), "an intact frame with function 5, of unit 9 or to it"),
+    ],
+)
+def test_bytes_that_nobody_asked_for_are_named(came: bytes, said: str) -> None:
+    assert said in describe_received(came, with_crc(bytes([3, 4, 0, 0, 0, 2])), 3)

@@ -112,7 +112,9 @@ def test_the_table_has_the_unit_in_its_head_and_below_it_what_limits_the_reading
     assert head.split() == ["surface", "channel", "counts", "gap", "mm", "deflection", "mm", "quality"]
     assert first.split() == ["bench", "s1", "20345", "2.4655", "0.0345", "good"]
     assert second.split() == ["bench", "s2", "-", "-", "-", "missing"]
-    assert head.index("counts") + len("counts") == first.index("20345") + len("20345")  # numbers stand to the right
+    for title, figure in (("counts", "20345"), ("gap mm", "2.4655"), ("deflection mm", "0.0345")):
+        assert head.index(title) + len(title) == first.index(figure) + len(figure)  # numbers stand to the right
+    assert head.index("quality") == first.index("good") == second.index("missing")
     assert texts == ["bench: Old ones pass.", "bench: 3 of 30 fail", f"{NOT_TARED}the beam", "bench: ?"]
     assert [*_lines([replace(check, is_unreliable=True)], with_files=False)][4].startswith("bench: not tared")
 

@@ -1,6 +1,7 @@
 """A tare from its readings to what it prints, in the process of the test, where no service can be asked."""
 
 import json
+import stat
 from collections.abc import AsyncGenerator, Callable
 from pathlib import Path
 
@@ -64,6 +65,7 @@ def test_a_tare_is_the_mean_of_a_second_and_is_told_with_what_to_do_next(tmp_pat
     assert compared.endswith(f"; {UNASKED}")
     assert last == "bench: a running daemon takes them when it starts again: systemctl restart beamtouch-daemon"
     assert gaps(tmp_path) == {"s1": pytest.approx(2.49, abs=1e-9), "s2": pytest.approx(2.5, abs=1e-9)}
+    assert oct(stat.S_IMODE(path.stat().st_mode)) == "0o644"  # the user of the service reads it
     digits = tared(counts(20_100.0), keys="noise_mm = 0.00001\n").stdout
     assert digits.startswith("bench: rest gaps s1 2.49000 mm, s2 2.50000 mm, ")
 

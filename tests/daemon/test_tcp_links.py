@@ -5,9 +5,9 @@ import asyncio
 import pytest
 
 from beamtouch_daemon.config.sources import ModbusTcp
-from beamtouch_daemon.sources import modbus_tcp
+from beamtouch_daemon.sources import modbus_tcp, requests
 from beamtouch_daemon.sources.modbus_tcp import TcpLink
-from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.registers import Block, RegisterAnswer
 from beamtouch_daemon.sources.requests import Failure
 
 from .devices import with_crc
@@ -132,3 +132,20 @@ async def test_a_device_that_never_answered_is_asked_in_rtu_frames_once_a_minute
     now_s, answers = 900.0, True
     assert not await link._is_converter(Block(30, 2))
     assert len(asked) == 2
+
+
+@pytest.mark.parametrize(("took_s", "asked"), [(0.0, 3), (0.3, 1)])
+async def test_a_refusal_that_took_longer_than_a_tenth_of_a_second_is_not_followed_by_another_request(
+    took_s: float, asked: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, sent = link_of(), list[Block]()
+
+    async def ask(block: Block) -> RegisterAnswer:
+        sent.append(block)
+        return RegisterAnswer(exception=6, asked_s=500.0)
+
+    monkeypatch.setattr(link, "ask", ask)
+    monkeypatch.setattr(requests, "uptime_s", lambda: 500.0 + took_s)
+    assert (await link.read(Block(30, 2))).exception == 6
+    assert sent == [Block(30, 2)] * asked
+    assert not await link._is_converter(Block(30, 2))  # it has answered
