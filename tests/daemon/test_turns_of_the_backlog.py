@@ -85,3 +85,14 @@ async def test_a_record_that_lacks_nothing_is_asked_a_second_after_its_last_rece
             assert backlog._due_s(one) == 1001.0
             one.due_s = 1007.0
             assert backlog._due_s(one) == 1007.0
+
+
+async def test_a_question_that_is_refused_makes_no_request_smaller() -> None:
+    service = Service(record=Record())
+    service.problem_of = lambda *_: (422, "invalid-request")
+    async with serving(service), delivering(None, service.url) as (deliverer, one):
+        assert not await deliverer._deliver(one)
+        assert (one.pace.most, one.refusal, one.log.oldest) == (MOST, "status 422: No.", 1)
+        one.expected = 1
+        assert not await deliverer._deliver(one)  # half as many may be taken
+        assert (one.pace.most, one.due_s <= monotonic()) == (MOST // 2, True)
