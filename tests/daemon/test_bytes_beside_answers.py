@@ -114,6 +114,7 @@ LONG = with_crc(bytes([9, 16]) + b"\x91" * 252)
 @pytest.mark.parametrize(
     ("came", "said"),
     [
+        (bytes([3, 4, 6, 0, 7]), "the beginning of an answer of unit 3, which breaks off after 5 of 11 bytes"),
         (b"\7\7\7", "no Modbus frame: another baud rate or parity"),
         (b"\xff\xff", "too few bytes to tell what they are"),
         (b"\0\0", "only 00 and ff, so the line has no level"),

@@ -161,6 +161,17 @@ def test_with_round_trips_over_a_while_the_slope_is_known_and_its_doubt_is_small
     assert 50.0 + 120 / 1.005 - 0.121 <= at_s <= 50.0 + 120 / 1.005 + 1e-6
 
 
+def test_five_round_trips_tell_the_slope_if_they_span_enough() -> None:
+    trips, slopes = RoundTrips(), []
+    for number in range(5):  # over 8 s of the device, whose clock is quick by 0.5 %
+        trips.add(50.0 + 2 * number / 1.005, 7.0 + 2 * number, 50.000001 + 2 * number / 1.005)
+        early_s, late_s = trips.to_host(1007.0), trips.to_host(2007.0)
+        assert early_s is not None
+        assert late_s is not None
+        slopes.append((late_s - early_s) / 1000)
+    assert slopes == pytest.approx([0.99] * 4 + [1 / 1.005], abs=1e-5)
+
+
 def test_a_slope_beyond_what_clocks_have_is_taken_for_a_hundredth() -> None:
     for rate, slope in ((1.05, 1.01), (0.95, 0.99)):
         trips = RoundTrips()

@@ -60,6 +60,8 @@ def test_a_covariance_is_rounded_far_below_the_noise_and_one_without_noise_below
     assert rounded[1] == pytest.approx(triangles[1], rel=0, abs=1e-15)
     faint = rounded_triangles(np.array([[0.123456789012345678, 1.000000000000000444]]), np.array([1e-30]))
     assert faint.tolist() == [[0.123456789012, 1.0]]  # of the larger entry, twelve digits
+    assert rounded_triangles(np.array([[3e-302, 0.0]]), np.array([5e-320])).tolist() == [[3e-302, 0.0]]
+    assert rounded_triangles(np.zeros((1, 3)), np.zeros(1)).tolist() == [[0.0, 0.0, 0.0]]
     unknown = rounded_triangles(triangles[:1], np.array([math.nan]))
     assert unknown.tolist() == triangles[:1].tolist()
 

@@ -1,12 +1,19 @@
 """An open serial port: how much is read at a time, why it is closed, and how long it stays open."""
 
+import asyncio
+import os
+import socket
+
 import pytest
 
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources import kept_port
+from beamtouch_daemon.sources.converter import Converter, connect
+from beamtouch_daemon.sources.host_address import HostAddress
 from beamtouch_daemon.sources.kept_port import KeptPort
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.sources.serial_port import LineSettings, Opener, SerialPort
+from support.network.free_ports import free_port
 
 from .lines import terminal
 
@@ -126,3 +133,40 @@ async def test_a_port_without_a_frame_for_half_a_minute_is_opened_again_by_the_n
             async with kept.used() as second:
                 assert first.failure == f"{line.path} was silent for 30 s and is opened again"
                 assert second.failure == ""
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+async def test_no_call_of_a_connection_to_a_converter_waits(host: str) -> None:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.create_server((host, 0), family=family) as server:
+        connection = await connect(HostAddress(host, server.getsockname()[1]))
+        assert not os.get_blocking(connection.fileno())
+        assert (connection.read(10), connection.is_open) == (b"", True)
+        device, _ = server.accept()
+        with device:
+            assert connection.write(b"abc") == 3
+            assert device.recv(10) == b"abc"
+            device.sendall(b"defgh")
+            await readable(connection)
+            assert (connection.read(3), connection.read(10)) == (b"def", b"gh")
+            while connection.write(bytes(1_000_000)):
+                pass  # until the buffers are full
+        await readable(connection)
+        with pytest.raises(OSError, match=r"it has closed the connection|Connection reset"):
+            connection.read(10)
+        connection.close()
+        assert not connection.is_open
+
+
+async def readable(connection: Converter) -> None:
+    """Wait until there is something to read, or the connection has ended."""
+    arrived, loop = asyncio.Event(), asyncio.get_running_loop()
+    loop.add_reader(connection.fileno(), arrived.set)
+    await asyncio.wait_for(arrived.wait(), 60)
+    loop.remove_reader(connection.fileno())
+
+
+async def test_a_converter_that_is_not_there_is_said() -> None:
+    port = free_port()
+    with pytest.raises(SourceError, match=f"^no connection to 127.0.0.1:{port}; is the device on, and is the address"):
+        await connect(HostAddress("127.0.0.1", port))

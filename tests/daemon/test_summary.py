@@ -1,5 +1,6 @@
 """The end of a run: what its summary counts, says and writes; and what a running daemon says of its surfaces."""
 
+import asyncio
 import json
 import logging
 import stat
@@ -91,3 +92,36 @@ async def test_a_surface_hangs_unless_its_reading_is_begun_again_anyway() -> Non
     bench.last_progress_s = late.last_progress_s = -1000.0
     assert daemon._hanging([bench, press, late], parts()) == ["bench", "late"]
     assert daemon._hanging([bench, press, late], parts(late_readings="broken", bench_samples="broken")) == ["bench"]
+
+
+class Manager:
+    """A service manager that waits for a sign of life for so long."""
+
+    def __init__(self, watchdog_s: float | None) -> None:
+        self.watchdog_s = watchdog_s
+        self.told = list[str]()
+
+    def alive(self, status: str) -> None:
+        self.told.append(status)
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(("watchdog_s", "pause_s"), [(None, 0.25), (3.0, 0.75), (60.0, 1.0)])
+async def test_progress_is_reported_four_times_in_the_time_of_the_watchdog_and_each_second(
+    watchdog_s: float | None, pause_s: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench, press = surfaces("bench", "press")
+    manager, pauses = Manager(watchdog_s), list[float]()
+
+    async def sleep(pause_s: float) -> None:
+        pauses.append(pause_s)
+        bench.last_progress_s = press.last_progress_s = -1000.0
+        if len(pauses) == 2:
+            raise asyncio.CancelledError
+
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    with pytest.raises(asyncio.CancelledError):
+        await daemon._watch([bench, press], parts(), manager)  # type: ignore[arg-type]
+    assert pauses == [pause_s, pause_s]
+    assert manager.told == ["reading bench, press"]  # while a surface hangs, nothing is reported
+    assert [line for line in caplog.messages if "progress" in line] == ["no progress on bench, press"]

@@ -1,6 +1,7 @@
 """Frames of Modbus TCP as they come, and why there is no answer, without a network."""
 
 import asyncio
+import logging
 
 import pytest
 
@@ -10,7 +11,7 @@ from beamtouch_daemon.sources.modbus_tcp import TcpLink
 from beamtouch_daemon.sources.registers import Block, RegisterAnswer
 from beamtouch_daemon.sources.requests import Failure
 
-from .devices import with_crc
+from .devices import RegisterUnit, tcp_unit, with_crc
 
 pytestmark = pytest.mark.anyio
 
@@ -149,3 +150,32 @@ async def test_a_refusal_that_took_longer_than_a_tenth_of_a_second_is_not_follow
     assert (await link.read(Block(30, 2))).exception == 6
     assert sent == [Block(30, 2)] * asked
     assert not await link._is_converter(Block(30, 2))  # it has answered
+
+
+async def test_the_debug_log_has_each_request_and_what_came(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.DEBUG, "beamtouch_daemon.sources")
+    async with tcp_unit(RegisterUnit(2, 0)) as port:
+        settings = ModbusTcp(kind="modbus-tcp", host="127.0.0.1", port=port, timeout_ms=30_000.0)
+        link = TcpLink(settings, "127.0.0.1", 1)
+        async with link.opened():
+            assert (await link.ask(Block(0, 2))).registers == [0, 0]
+            assert (await link.ask(Block(1, 2))).exception == 2
+    asked = "unit 1 asked for registers"
+    assert [line.removeprefix(f"127.0.0.1:{port}: ") for line in caplog.messages] == [
+        f"{asked} 0 to 1 by function 4 (00 01 00 00 00 06 01 04 00 00 00 02)",
+        "13 bytes came (00 01 00 00 00 07 01 04 04 00 00 00 00)",
+        f"{asked} 1 to 2 by function 4 (00 02 00 00 00 06 01 04 00 01 00 02)",
+        "9 bytes came (00 02 00 00 00 03 01 84 02)",
+        "unit 1: exception 2, it has no such register",
+    ]
+
+
+async def test_transaction_numbers_are_1_to_65535() -> None:
+    async with tcp_unit(RegisterUnit(2, 0)) as port:
+        settings = ModbusTcp(kind="modbus-tcp", host="127.0.0.1", port=port, timeout_ms=30_000.0)
+        link, numbers = TcpLink(settings, "127.0.0.1", 1), list[int]()
+        async with link.opened():
+            for link._transaction in (0, 1, 65_534, 65_535):
+                await link.ask(Block(0, 1))
+                numbers.append(link._transaction)
+    assert numbers == [1, 2, 65_535, 1]

@@ -17,8 +17,8 @@ PLAIN = 1.02
 """No covariance is stated while the variance is within this factor of that of a mean of the stated readings."""
 DIGITS_BELOW_NOISE = 1e-4
 """Entries are rounded to this part of the variance of the noise, so that rounding never makes the matrix indefinite."""
-MAX_DIGITS = 300
-"""Beyond it, entries are not rounded."""
+FAINTEST_MM2 = 1e-300
+"""Entries that are smaller are not rounded."""
 SIGNIFICANT = 1e-12
 """Without noise, entries are rounded to this part of the largest one."""
 
@@ -120,7 +120,6 @@ def _rounded(triangles: FloatArray, white_mm2: FloatArray) -> FloatArray:
     `white_mm2` (samples,) are the variances of their noise; NaN leaves a triangle as it is.
     """
     quantum = np.maximum(DIGITS_BELOW_NOISE * white_mm2, SIGNIFICANT * triangles.max(axis=1))
-    digits = -np.floor(np.log10(np.where(quantum > 0, quantum, 1.0)))
-    scale = 10.0 ** np.where(digits < MAX_DIGITS, digits, 0.0)[:, np.newaxis]
+    scale = 10.0 ** -np.floor(np.log10(np.where(quantum > FAINTEST_MM2, quantum, 1.0)))[:, np.newaxis]
     rounded: FloatArray = np.where(scale > 1, np.rint(triangles * scale) / scale, triangles)
     return rounded

@@ -6,6 +6,7 @@ back, or when it is not the device in the configuration. The next one uses the s
 """
 
 import logging
+import math
 import secrets
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, aclosing, suppress
@@ -132,7 +133,7 @@ class Session:
         self._hello = hello
         self._indices = indices
         self._sequence: int | None = None
-        self._device_s = 0.0
+        self._device_s = -math.inf
         """Time of the last reading on the device's clock [s]."""
         self._begun_s: float | None = None
         """Time of the host when that clock began, as the first reading says."""
@@ -173,7 +174,7 @@ class Session:
             lost = 0 if self._sequence is None else missing_between(self._sequence, reading.sequence)
             if lost >= _REPEATED:
                 continue
-            if self._sequence is not None and device_s < self._device_s - BACK_S:
+            if device_s < self._device_s - BACK_S:
                 raise SourceError(CLOCK_WENT_BACK)
             self._sequence, self._device_s = reading.sequence, device_s
             counts = tuple(reading.counts[index] / reading.oversampling for index in self._indices)

@@ -86,7 +86,7 @@ class Part:
         self.may_boot = False
         """True if the unit could still boot when it failed last."""
         self._blocks = blocks
-        self._failures = 0
+        self._failures: int
         """Failed slots in a row."""
         self.revive()
 
