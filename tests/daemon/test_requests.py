@@ -47,6 +47,13 @@ def test_what_a_unit_did_before_it_was_away_says_nothing_of_later_requests() -> 
     for _ in range(10):
         requests.answered()
     assert (requests.failed_share, requests.asked, requests.failures) == (0.0, 30, 20)
+    requests.forget()
+    for _ in range(7):
+        requests.answered()
+    for _ in range(2):
+        requests.fail(Failure.LATE)
+    assert requests.failed_share == 0.0  # nine requests say nothing
+    assert requests.describe("unit 3") == "2 of 9 requests to unit 3 fail: late answer (2); raise timeout_ms"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """A Modbus RTU line on a clock of the test: what is sent when, which bytes answer, and what is said of the others."""
 
 import asyncio
+import logging
 import math
 
 import pytest
@@ -221,3 +222,72 @@ async def test_bytes_that_are_no_frames_are_counted(bench: Bench) -> None:
     assert bench.port.traffic.noise == "3 bytes"
     await bench.fail((0.01, OTHER))
     assert bench.port.traffic.noise == ""
+
+
+ASKED = f"/dev/x: unit 3 asked for registers 30 to 31 by function 4 ({REQUEST.hex(' ')})"
+
+
+@pytest.fixture
+def debug(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
+    caplog.set_level(logging.DEBUG, "beamtouch_daemon.sources")
+    return caplog
+
+
+async def test_the_debug_log_has_each_answer_and_what_came_beside_it(
+    bench: Bench, debug: pytest.LogCaptureFixture
+) -> None:
+    await bench.ask((0.0315, ANSWER))
+    await bench.ask((0.0, REQUEST), (0.0315, ANSWER))
+    await bench.ask((0.0315, REFUSAL + b"\xfe"))
+    stray = "stray bytes, harmless while answers come intact: noise, no bias or termination, or a transmitter"
+    first, echoed, refused = debug.messages
+    assert first == f"{ASKED}; answered after 31.5 ms ({ANSWER.hex(' ')})"
+    both = (REQUEST + ANSWER).hex(" ")
+    assert echoed == f"{ASKED}; answered after 31.5 ms ({both}); the adapter echoes requests"
+    came = (REFUSAL + b"\xfe").hex(" ")
+    assert refused.startswith(
+        f"{ASKED}; answered after 31.5 ms ({came}); exception 2, it has no such register; 1 byte came after it (fe): "
+        f"{stray}"
+    )
+
+
+async def test_the_debug_log_has_each_missing_answer_with_what_came_and_what_to_check(
+    bench: Bench, debug: pytest.LogCaptureFixture
+) -> None:
+    await bench.fail()
+    await bench.fail((0.01, b"\1\2\3"))
+    await bench.ask((0.01, ANSWER))
+    await bench.fail()
+    none, bytes_came, _, again = debug.messages
+    silent = f"{ASKED}; no answer within 62 ms: not a byte came; "
+    never = "no intact frame has come since the port was opened"
+    assert none == (
+        f"{silent}{never}; silence has many reasons: with the daemon stopped, `beamtouch-daemon scan /dev/x` finds "
+        "baud, parity and number; if it finds no unit, exchange A and B, then check the supply"
+    )
+    assert bytes_came.startswith(f"{ASKED}; no answer within 62 ms: 3 bytes came (01 02 03): no Modbus frame: ")
+    assert bytes_came.endswith(f"; {never}")
+    assert again == (
+        f"{silent}the last intact frame came 0.3 s ago; unit 3 has answered before: check its supply and its cable, or "
+        "raise timeout_ms"
+    )
+
+
+async def test_the_debug_log_has_what_came_between_two_requests(bench: Bench, debug: pytest.LogCaptureFixture) -> None:
+    await bench.fail((0.1, ANSWER))
+    await bench.ask((0.01, ANSWER))
+    _, between, _ = debug.messages
+    assert between == (
+        f"/dev/x: before a request {len(ANSWER)} bytes came ({ANSWER.hex(' ')}): the late answer of unit 3 to the "
+        "request before, read 312 ms after it: raise timeout_ms"
+    )
+
+
+async def test_a_silent_unit_beside_one_that_answered_has_another_number_or_no_supply(
+    bench: Bench, debug: pytest.LogCaptureFixture
+) -> None:
+    await bench.fail((0.01, OTHER))
+    await bench.fail()
+    assert debug.messages[-1].endswith(
+        "; other units answer, so the line works: check the number of unit 3, its supply and its cable"
+    )
