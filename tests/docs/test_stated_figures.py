@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 import facts
+from beamtouch_common import parts, waits
 from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log_store import MEMORY_S
 from beamtouch_daemon.delivery.pace import MAX_BATCH
@@ -25,7 +26,7 @@ from beamtouch_models.design.pricing import effect
 from beamtouch_models.filters import rest, zeros
 from beamtouch_models.filters.change_detector import DRIFT_PART, STILL_PART
 from beamtouch_models.filters.motion import SCATTER_PART
-from beamtouch_models.lab.challenge import challenge
+from beamtouch_models.lab.challenge import challenge, contacts, drift
 from beamtouch_models.lab.reproduction.figure_8 import MEASURED_PERCENT as PAPER
 from beamtouch_models.lab.reproduction.figures import EXPECTED_ITERATIONS, EXPECTED_MM, figure_4
 from beamtouch_models.lab.reproduction.paper import NOISE_PERCENT, SOURCE, TITLE
@@ -42,16 +43,19 @@ from beamtouch_service.commissioning import pressing, run, verdict
 from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.host.serve import IDLE_S
 from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
-from beamtouch_service.outputs.opcua import door
+from beamtouch_service.outputs.mqtt import statuses
+from beamtouch_service.outputs.opcua import door, space
 from beamtouch_service.problems import Kind
+from beamtouch_service.record import forecast, recorder
 from beamtouch_service.record.database.connections import READERS
 from beamtouch_service.record.database.write_ahead import MAX_BYTES, WARN_BYTES
 from beamtouch_service.record.events.boot_record import MAX_CAPTURED, MAX_WAITING
 from beamtouch_service.record.events.load import MAX_STAYS
+from beamtouch_service.record.reading import readers
 from beamtouch_service.record.reading.readers import MAX_ANSWERS
 from beamtouch_service.record.trail import pending
 from beamtouch_service.samples import MAX_SAMPLES, Note
-from beamtouch_service.sections import ServerSection, SurfaceSection
+from beamtouch_service.sections import EventsSection, ServerSection, SurfaceSection
 from beamtouch_service.surfaces import comparison
 from beamtouch_service.surfaces.follower import PAUSE
 from beamtouch_service.surfaces.freshness import WINDOW_S
@@ -59,6 +63,7 @@ from support.pages.pasted import ROOT, blocks_of
 
 WORDS: dict[float, str] = {1: "a", 2: "two", 3: "three", 4: "four", 5: "five", 10: "ten"}
 TIMES = {2.0: "twice"}
+OFTEN_S = {1.0: "Once a second"}
 PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths", 0.5: "half"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
@@ -120,8 +125,9 @@ def in_the_wrong_word_order(value: float) -> float:
 
 STREAM = bounds("/stream", "interval_ms")
 DATA = bounds("/surfaces/{name}/calibration-data", "limit")
-SURFACE, SERVER = (
-    {name: field.default for name, field in section.model_fields.items()} for section in (SurfaceSection, ServerSection)
+SURFACE, SERVER, EVENTS = (
+    {name: field.default for name, field in section.model_fields.items()}
+    for section in (SurfaceSection, ServerSection, EventsSection)
 )
 
 STATED = {
@@ -148,6 +154,11 @@ STATED = {
     "deploy/haproxy-one.cfg": [f"The service waits {MAX_BODY_S:g} s for a body"],
     "deploy/haproxy.cfg": [f"a service waits {MAX_BODY_S:g} s for it"],
     "docs/challenge.md": [
+        f"Contacts of {WORDS[drift.HELD_S]} seconds, or of {drift.MOST_READINGS} readings",
+        f"at up to {TIMES[drift.FASTEST]} the standard deviation",
+        f"{1e3 * contacts.RINGING_S:g} ms after a sudden force, and while the load keeps moving at "
+        f"{contacts.LOST_MM_PER_S:g} mm/s",
+        f"Readings {', '.join(map(str, contacts.AFTER[:-1]))} and {contacts.AFTER[-1]} after it are judged",
         f"at most {100 * challenge.MISLEADING:g} % of the samples mislead",
         f"in {100 * challenge.HELD:g} % of the contacts without a note",
         f"and in {100 * challenge.HELD_UNSTEADY:g} % of those with `unsteady`",
@@ -193,6 +204,7 @@ STATED = {
         f"with five: {PAPER[5, 'equal']} and {PAPER[5, 'optimised']} %.",
     ],
     "docs/explanation/readings-to-samples.md": [
+        f"in blocks of {PARTS[zeros.BLOCK_S]} of a second",
         f"more than {PARTS[tares.LOAD_SHARE]} of `smallest_force_mm`",
         f"{WORDS[tares.STATED_DEVIATIONS].capitalize()} times `zero_drift_mm` is always allowed",
         f"by {PARTS[tares.MOUNTED_WITHIN]} of the sensor's range",
@@ -220,6 +232,8 @@ STATED = {
         f"`damping_ratio` is {math.log(2) / (2 * math.pi):.2f} over this number",
     ],
     "docs/how-to/opcua.md": [
+        f"can hold the {door.MAX_CONNECTIONS} connections, {WORDS[door.ACTIVATION_S]} seconds each",
+        f"shows within {WORDS[space.LOOK_S]} second and an interval",
         f"at most {door.MAX_WAITING} values of a variable",
         f"{door.MAX_CONNECTIONS} connections, {door.MAX_SUBSCRIPTIONS} subscriptions and {door.MAX_ITEMS} subscribed",
         f"at most {door.MAX_OPERATIONS} nodes in a request, {door.MAX_BROWSED} to browse, "
@@ -273,6 +287,8 @@ STATED = {
         f"the log odds fall to {PARTS[decider.LIFT_FRACTION]} of the threshold",
     ],
     "docs/reference/events.md": [
+        f"takes some {forecast.EVENT_BYTES} bytes",
+        f"holds one each {forecast.EVERY_S:g} s for {EVENTS['keep_days']:g} days",
         f"add `path`, at most {MAX_STAYS} points",
         f"gave no reading for longer than {WORDS[PAUSE]} times `stale_ms`",
         f"holds the first {WORDS[MAX_CAPTURED]} unexplained samples",
@@ -281,6 +297,7 @@ STATED = {
         f"above {MAX_BYTES / 1e6:g} MB the record waits",
     ],
     "docs/reference/http.md": [
+        f"| after {WORDS[readers.SLOT_S]} second, 503 `too-many-clients`",
         f"every `interval_ms` ({STREAM['minimum']} to {STREAM['maximum']}; default {STREAM['default']})",
         f"| a batch | {MAX_BODY_BYTES >> 20} MiB, also decompressed |",
         f"| samples in a batch | {MAX_SAMPLES}; the daemon sends at most {MAX_BATCH}, "
@@ -322,6 +339,19 @@ STATED = {
     "docs/reference/rig.md": [f"({100 * DAMPING_RATIO:g} % of critical if it states none)"],
     "docs/reference/sensor-health.md": [f"within {WORDS[changes.DRIFT]} times the drift that the scene states"],
     "docs/reference/trail.md": [f"than are watched ({pending.MOST_STATES}); once an hour"],
+    "docs/reference/metrics.md": [
+        f"is begun again after {parts.FIRST_PAUSE_S:g} to {parts.LONGEST_PAUSE_S:g} s",
+        f"until it has run for {waits.STEADY_S:g} s",
+    ],
+    "docs/how-to/mqtt.md": [
+        f"{OFTEN_S[statuses.LOOK_S]}, the service asks what",
+    ],
+    "docs/reference/samples.md": [
+        f"not made durable, at most {WORDS[recorder.COMMIT_S]} second of samples",
+    ],
+    "docs/how-to/adc-module.md": [
+        f"waits {traffic.BOOT_S:g} s for a board that boots",
+    ],
     "firmware_protocol/PROTOCOL.md": [
         f"asks for {traffic.BOOT_S:g} s after the opening, and for {board.HELLO_TIMEOUT_S:g} s later on",
         f"double from {board.REPEAT_S:g} s up to {board.MAX_REPEAT_S:g} s",
