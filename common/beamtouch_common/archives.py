@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from beamtouch_common.commands import version
 from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.files import sync_folder
 
 _LIST = "list.json"
 _MAX_LIST_BYTES = 1024 * 1024
@@ -107,6 +108,7 @@ def write_archive(target: Path, program: str, config: Path, parts: Sequence[Part
             os.fsync(file.fileno())
         _check(partial)  # a file that was written meanwhile does not have its digest
         partial.rename(target)
+        sync_folder(target.parent)
     except InputError:
         raise FailedError(f"{target}: a file changed while it was read; there is no backup: try again") from None
     except OSError as error:
@@ -155,6 +157,8 @@ def restore_archive(archive: Path, folder: Path, root: Path | None) -> list[Path
             made.append(target)
         for target in empty:
             _make_folders(target, made)
+        for parent in {one.parent for one in made}:
+            sync_folder(parent)
     except OSError as error:
         _remove(made)
         raise FailedError(f"{error.filename or folder}: {error.strerror or error}; nothing was restored") from None

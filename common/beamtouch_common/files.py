@@ -1,5 +1,6 @@
 """Files: reads TOML with one-line errors, checks early that one can be written, writes atomically, tells two apart."""
 
+import errno
 import hashlib
 import os
 import secrets
@@ -109,6 +110,8 @@ def write_atomically(
 ) -> None:
     """Replace a file in one step, so that no reader ever sees a part of it; OSError if that is impossible.
 
+    When this returns, a loss of power leaves the new file; before, the old one or the new one.
+
     A device or a pipe, such as /dev/null, is written to and stays what it is. So does a link: the file that it leads to
     is replaced.
 
@@ -142,16 +145,27 @@ def _replace(path: Path, content: bytes, mode: int | None, owner: tuple[int, int
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
+        sync_folder(path.parent)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
 
 
 def sync_folder(folder: Path) -> None:
-    """Let the names of a folder survive a loss of power as they are now; OSError if that is impossible."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    """Let the names of a folder survive a loss of power as they are now; OSError if the disk fails.
+
+    A folder that this user may write to and not list is left to the system, and so is one on a file system that knows
+    no such request, as some network shares.
+    """
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except PermissionError:
+        return
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:
+            raise
     finally:
         os.close(descriptor)
 

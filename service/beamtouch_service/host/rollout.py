@@ -229,7 +229,6 @@ def _write(path: Path, content: bytes, like: Path) -> None:
     """Replace a file in one step, with owner and permissions of another; on the disk before anything follows."""
     status = like.stat()
     write_atomically(path, content, mode=status.st_mode & 0o777, owner=(status.st_uid, status.st_gid))
-    sync_folder(path.parent)
 
 
 def _say(surface: str, now: _Staged, before: _Staged | None) -> str:

@@ -7,6 +7,8 @@ import { named, say } from "./say.js";
 import { clock as timeOf, zone } from "./times.js";
 
 const AGAIN_MS = 5000;
+// The first sample after the event was clear, or after an unexplained stretch a contact.
+const SEEN_ENDS = ["lift", "clear", "contact"];
 
 export class Events {
   constructor(token) {
@@ -120,6 +122,6 @@ function duration({ dwell_ms, end, kind, unexplained_ms, unsteady, zones }, curr
   const stretches = kind !== "unexplained" && unexplained_ms > 0 ? say`, ${seconds(unexplained_ms)} unexplained` : "";
   const within = stays.join("") + (unsteady ? `${stretches}${say`, unsteady`}` : stretches);
   if (end === "open" && current) return `${say`still`}${within}`;
-  if (end === "lift") return `${seconds(dwell_ms)}${within}`;
+  if (SEEN_ENDS.includes(end)) return `${seconds(dwell_ms)}${within}`;
   return `≥ ${seconds(dwell_ms)}${within}`;
 }

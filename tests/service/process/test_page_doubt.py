@@ -54,6 +54,20 @@ def test_two_contacts_are_unexplained_and_say_what_to_look_at(start_bench: Start
     assert seen.complaints == []
 
 
+def test_a_stretch_whose_end_was_seen_lasted_as_long_as_it_says(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    for loads in ((), TWO, (), TWO, ((150, 9),), (), TWO):
+        bench.load(*loads)
+    bench.send([None] * 4)
+    seen = open_page(bench.service.url)
+    seen.page.wait_for_selector("#events tr:nth-child(4)")
+    cells = "rows => rows.map(row => [...row.cells].slice(1).map(cell => cell.textContent))"
+    stretch, contact, before, first = seen.page.eval_on_selector_all("#events tr", cells)
+    assert [one[0] for one in (stretch, before, first)] == ["unexplained"] * 3
+    assert [one[1].startswith("≥ 0.") for one in (stretch, before, first)] == [True, False, False]
+    assert re.fullmatch(r"0\.\d", contact[2])
+
+
 @pytest.mark.promise("docs/reference/page.md", "first the sensor of `check-NAME`.")
 def test_a_sensor_that_contradicts_the_others_is_named_first(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
