@@ -1,11 +1,14 @@
 """Where the tasks of a sweep run, and when the workers of a cluster are refused or given up."""
 
+import importlib.util
 import logging
 import platform
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, nullcontext
 from importlib import metadata
 from types import ModuleType
@@ -15,7 +18,7 @@ import pytest
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_models.commands import workers
-from beamtouch_models.commands.workers import cluster_at, spread_over
+from beamtouch_models.commands.workers import cluster_at, processes, spread_over
 from beamtouch_models.design.sweeps import in_turn
 
 
@@ -84,9 +87,89 @@ def client(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Client]]:
 
 def test_results_come_in_the_order_of_their_tasks(client: type[Client]) -> None:
     with cluster_at("tcp://a:1") as spread:
+        assert logging.root.manager.disable == logging.CRITICAL  # what `distributed` says of errors is said here
         assert list(spread(str, range(12))) == [str(number) for number in range(12)]
         assert client.closed == []
     assert len(client.closed) == 1
+
+
+@pytest.mark.parametrize("error", [OSError, ValueError, TypeError, RuntimeError])
+def test_an_address_where_no_scheduler_answers_is_named(client: type[Client], error: type[Exception]) -> None:
+    assert client
+
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    sys.modules["distributed"].__dict__["Client"] = refuse
+    with pytest.raises(InputError, match=r"^--cluster tcp://a:1: no Dask scheduler answers there; start `dask sch"):
+        cluster_at("tcp://a:1").__enter__()
+
+
+class Pool(ThreadPoolExecutor):
+    """Stands for the processes; notes whether Ctrl-C is blocked at each task, and how often it was shut down."""
+
+    def __init__(self, *given: object, **how: object) -> None:
+        super().__init__(1)
+        self.given, self.how, self.shut = given, how, 0
+        self.blocked = list[bool]()
+
+    def submit(self, *given: Any, **how: Any) -> Any:  # noqa: ANN401
+        self.blocked.append(is_blocked())
+        return super().submit(*given, **how)
+
+    def shutdown(self, *given: Any, **how: Any) -> None:  # noqa: ANN401
+        self.shut += 1
+        super().shutdown(*given, **how)
+
+
+def is_blocked() -> bool:
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, set())
+
+
+@pytest.fixture
+def pools(monkeypatch: pytest.MonkeyPatch) -> list[Pool]:
+    pools = list[Pool]()
+
+    def make(*given: object, **how: object) -> Pool:
+        pools.append(Pool(*given, **how))
+        return pools[-1]
+
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", make)
+    return pools
+
+
+def test_processes_start_with_ctrl_c_blocked_and_this_one_hears_it_again(pools: list[Pool]) -> None:
+    with processes(3) as spread:
+        assert list(spread(str, range(4))) == ["0", "1", "2", "3"]
+        assert not is_blocked()
+    (pool,) = pools
+    assert pool.given == (3,)
+    assert pool.how["mp_context"].get_start_method() == "spawn"  # type: ignore[attr-defined]
+    assert pool.blocked == [True] * 4
+    assert pool.shut >= 1
+
+
+def test_a_process_that_ends_early_is_told_and_the_others_are_ended(pools: list[Pool]) -> None:
+    def die(_: object) -> None:
+        raise BrokenProcessPool
+
+    with (
+        pytest.raises(FailedError, match=r"^a worker process ended before its work was done; if memory was short, use"),
+        processes(2) as spread,
+    ):
+        list(spread(die, [1]))
+    assert pools[0].shut == 1
+    with pytest.raises(KeyError), processes(2) as spread:
+        list(spread(dict[str, int]().__getitem__, ["none"]))
+    assert pools[1].shut == 1
+
+
+def test_what_only_a_cluster_needs_is_not_imported_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    spec = importlib.util.spec_from_file_location("again", workers.__file__)
+    assert spec is not None
+    assert spec.loader is not None
+    spec.loader.exec_module(importlib.util.module_from_spec(spec))
 
 
 PYTHON, NUMPY = platform.python_version(), metadata.version("numpy")

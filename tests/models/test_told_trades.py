@@ -70,7 +70,7 @@ def test_the_folder_has_numbers_a_page_and_a_picture_and_no_model_unless_one_is_
     assert (asked["draws"], asked["seed"], asked["effort"].share, asked["estimators"]) == (300, 4, 0.5, ESTIMATORS)
     folder = tmp_path / "out"
     assert sorted(path.name for path in folder.iterdir()) == ["trade.json", "trade.md", "trade.svg"]
-    assert json.loads((folder / "trade.json").read_text()) == json.loads(json.dumps(json_of(TRADE)))
+    assert (folder / "trade.json").read_text() == json.dumps(json_of(TRADE), indent=1) + "\n"
     assert (folder / "trade.svg").read_text() == picture("press-7", TRADE)
     page = (folder / "trade.md").read_text()
     assert page.startswith(

@@ -7,8 +7,10 @@ import pytest
 from beamtouch_models.design.accuracy.limit import Reached
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.building.since_touch import Answer
+from beamtouch_models.design.charts import Chart, draw_row
 from beamtouch_models.design.printing import Table
 from beamtouch_models.design.scene import change_scene, parse_scene
+from beamtouch_models.lab.trade import results
 from beamtouch_models.lab.trade.measure import (
     AnswerAtTime,
     Failure,
@@ -262,3 +264,23 @@ def test_noise_and_latency_are_changed_by_factors() -> None:
     assert with_twice_the_latency(noisy).requirements.latency_ms == pytest.approx(50.0)
     assert with_twice_the_latency(SCENE).requirements.latency_ms == pytest.approx(60.0)
     assert with_noises(parse_scene(PAPER.replace("percent_of_max = 2", "mm = 0"), "scene")) == []
+
+
+def test_charts_leave_room_beside_numbers_of_sensors_and_times_and_noises_fill_their_axis(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn = list[Chart]()
+
+    def draw(charts: list[Chart], says: str) -> str:
+        drawn.extend(charts)
+        return draw_row(charts, says)
+
+    monkeypatch.setattr(results, "draw_row", draw)
+    picture("press-7", traded(a_model(sensors=5, error_mm=4.0), *(model for model, _ in OTHERS[4:8]), NETWORK))
+    sensors, since, noise, inference = drawn
+    assert (sensors.x_range, sensors.log_x, sensors.whole_x) == ((3.5, 5.5), False, True)
+    assert (noise.x_range, noise.log_x, noise.whole_x) == (None, True, False)
+    assert (since.x_range, since.log_x) == (None, True)
+    # The own model takes 17 us, and the network, which comes last of seven, 83 us.
+    assert inference.x_range == pytest.approx((17 / 1.5, 83 * 1.5))
+    assert all(chart.log_y for chart in drawn)
