@@ -102,6 +102,14 @@ def test_a_sentence_says_what_a_change_is_worth(model: MeasuredModel, said: str)
     assert worth.removesuffix(" of the error.") == said
 
 
+@pytest.mark.parametrize(
+    ("reading_um", "said"), [(4.03, "Half the"), (4.05, "0.51 times the"), (2.03, "A quarter of the")]
+)
+def test_a_noise_that_steps_of_the_adc_hardly_change_is_told_as_it_was_meant(reading_um: float, said: str) -> None:
+    (_, worth, *_) = sentences(traded(a_model("noise", reading_um=reading_um, error_mm=3.0)))
+    assert worth == f"{said} noise of a reading: saves 40 ± 1 % of the error."
+
+
 def test_scatter_of_either_model_counts_in_what_a_change_is_worth() -> None:
     for scatters in ((0.3, 0.05), (0.05, 0.3)):
         own, other = (
