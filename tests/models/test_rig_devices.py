@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import os
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
@@ -14,7 +15,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig import devices
 from beamtouch_models.lab.rig.devices import SerialDevice, start_board
 from beamtouch_models.lab.rig.faults import Faults
-from beamtouch_models.lab.rig.lines import Relay
+from beamtouch_models.lab.rig.lines import Relay, joined_line, named_line, read, write
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Reading, Start
 
@@ -54,6 +55,7 @@ class Line:
             serving.cancel()
             with suppress(asyncio.CancelledError):
                 await serving
+            assert not asyncio.get_running_loop().remove_reader(self._end)  # it no longer listens
             self.host.close()
             self._end.close()
 
@@ -120,6 +122,75 @@ def test_a_device_says_what_it_is_and_takes_rates_and_sums_that_its_counts_leave
     assert (first.channel_count, first.adc_bits, first.max_rate_hz, first.is_compatible) == (3, 12, 2000, True)
     assert again == first
     assert pong == Pong(7, 0)
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_a_named_line_is_there_for_as_long_as_it_is_used(tmp_path: Path) -> None:
+    path, before = tmp_path / "line", open_files()
+    with named_line(path) as end:
+        assert path.is_char_device()
+        host = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        os.write(host, b"\0\x03\n\r")  # as it is, without echo or line ends
+        assert read(end) == b"\0\x03\n\r"
+        assert read(end) == b""
+        write(end, b"\n\x04")
+        assert os.read(host, 10) == b"\n\x04"
+        os.close(host)
+        with (
+            pytest.raises(SceneError, match="exists already; choose another path or remove the file"),
+            named_line(path),
+        ):
+            pass
+    assert not path.is_symlink()
+    assert open_files() == before
+    with (
+        pytest.raises(SceneError, match="absent/line: No such file or directory"),
+        named_line(tmp_path / "absent/line"),
+    ):
+        pass
+    assert open_files() == before
+
+
+def test_what_is_sent_on_a_joined_line_passes_the_relay_both_ways(tmp_path: Path) -> None:
+    path, before = tmp_path / "line", open_files()
+
+    async def exchange() -> list[bytes]:
+        faults, replied, loop = Faults(["s1"]), asyncio.Event(), asyncio.get_running_loop()
+
+        def clock() -> float:
+            replied.set()
+            return 0.0
+
+        async def come(end: int) -> bytes:
+            came = asyncio.Event()
+            loop.add_reader(end, came.set)
+            await came.wait()
+            loop.remove_reader(end)
+            return read(end)
+
+        with joined_line(path, Relay(faults, clock)) as near:
+            device, host = (os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) for name in (near, str(path)))
+            os.write(host, b"ask")
+            passed = [await come(device)]
+            os.write(device, b"answer")
+            passed.append(await come(host))
+            faults.add("lost:100", 0.0)
+            replied.clear()
+            os.write(device, b"lost")
+            await replied.wait()
+            faults.mend()
+            os.write(device, b"later")
+            passed.append(await come(host))
+            os.close(device)
+            os.close(host)
+        return passed
+
+    assert asyncio.run(asyncio.wait_for(exchange(), 60)) == [b"ask", b"answer", b"later"]
+    assert not path.is_symlink()
+    assert open_files() == before
 
 
 OUTPUTS = [0.0, 0.1234, 0.25, 0.51, 0.77777, 0.9993, 0.9996, 1.0]

@@ -199,6 +199,7 @@ def test_a_script_may_load_both_ends_of_a_beam_and_nothing_beyond(tmp_path: Path
         ("@2..5", (2.0, 4.9), (1.9, 5.0, 1e9)),
         ("@2..", (2.0, 1e9), (1.9,)),
         ("@1..1.5/4", (1.0, 1.4, 5.2, 401.2), (0.9, 1.6, 4.9, 5.6, 403.0)),
+        ("@1..1.5/0.6", (1.0, 1.4, 1.65), (0.45, 0.7, 1.55)),
     ],
 )
 def test_a_fault_comes_and_goes_at_its_times(times: str, on: tuple[float, ...], off: tuple[float, ...]) -> None:
