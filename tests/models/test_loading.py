@@ -1,12 +1,14 @@
 """The loader takes a whole, honest model file and nothing else: `inspect` refuses all others in one line."""
 
 import json
+import math
 import os
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import onnx
 import pytest
 from onnx import helper
@@ -218,3 +220,23 @@ def test_a_model_in_use_reports_to_nobody(bench_model: Path, tmp_path: Path) -> 
         [sys.executable, "-c", code, bench_model], env={**environment, "HOME": str(tmp_path)}, check=True, timeout=60
     )
     assert not any(tmp_path.iterdir()), "onnxruntime keeps an identifier for its reports in the home folder"
+
+
+@pytest.mark.parametrize("noise_mm", [None, 0.0, [0.02, 0.03, 0.05, 0.01]])
+def test_a_model_answers_with_its_own_noise_and_floor(bench: ModelFile, noise_mm: list[float] | float | None) -> None:
+    metadata = bench.metadata
+    deflection_mm = np.array([[0.3, 0.7, 0.6, 0.2], [0.2, np.nan, 0.5, 0.3]])
+    own = metadata.noise.sample_mm if noise_mm is None or noise_mm == 0.0 else np.array(noise_mm)
+    found = bench.answer(deflection_mm, noise_mm)
+    for row, seen_mm in enumerate(deflection_mm):
+        there = ~np.isnan(seen_mm)
+        gain, zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
+        variance = np.broadcast_to(own, 4) ** 2 + (gain * np.nan_to_num(seen_mm)) ** 2 + zero_mm**2
+        whitening = np.diag(there / np.sqrt(variance))
+        expected = bench.run(np.nan_to_num(seen_mm)[None], whitening[None])
+        assert found.keys() == expected.keys()
+        for name, values in expected.items():
+            assert values.dtype == np.float32
+            assert found[name].dtype == np.float64
+            assert found[name][row] == pytest.approx(values[0], rel=1e-4, abs=1e-4)
+            assert math.isfinite(values[0])
