@@ -31,6 +31,9 @@ def refusal(metadata: Metadata, **parts: object) -> str:
 def test_a_model_is_read_from_its_own_entries_as_it_was_written() -> None:
     for metadata in (BEAM, PLATE):
         assert Metadata.from_entries(metadata.to_entries() | {"author": "somebody"}) == metadata
+    entries = BEAM.to_entries()
+    del entries["beamtouch.axes"], entries["beamtouch.calibration"], entries["beamtouch.width_mm"]
+    assert Metadata.from_entries(entries) == BEAM
 
 
 @pytest.mark.parametrize(

@@ -339,3 +339,16 @@ def test_stamps_are_off_by_no_more_than_is_allowed_and_by_a_little_at_least() ->
     off = exact + 30 * np.random.default_rng(1).standard_normal(exact.shape)
     assert refit(speedy, SINGLE, off, BAND, 0.03)[0].jitter == 0.03
     assert refit(begun, SINGLE, off, BAND, 0.03)[0].jitter == 0.03
+
+
+@pytest.mark.parametrize("size", [25.0, 0.3, 0.0])
+def test_what_is_left_is_in_units_of_noise_and_stamps_however_slowly_the_beam_moves(size: float) -> None:
+    """By the covariance of each reading: noise of 1, and late stamps along the way of the beam."""
+    of = fit(SINGLE, drawn(SINGLE, slopes=True, size=25.0), NEAR, BAND, slopes=True)
+    of = of._replace(coefficients=of.coefficients * size / 25.0, jitter=0.9)
+    left = np.random.default_rng(4).standard_normal((ROWS, CHANNELS))
+    later, sooner = (said(parameters_of(of), 2, True, SINGLE + late) for late in (1e-5, -1e-5))
+    way = (later - sooner) / 2e-5
+    covariance = np.eye(CHANNELS) + 0.9**2 * way[:, :, np.newaxis] * way[:, np.newaxis]
+    expected = np.einsum("tc,tc->t", left, np.linalg.solve(covariance, left[..., np.newaxis])[..., 0])
+    assert (whitened(of, SINGLE, left) ** 2).sum(axis=1) == pytest.approx(expected, rel=1e-5)
