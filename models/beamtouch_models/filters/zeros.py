@@ -238,7 +238,7 @@ class Zeros:
                 self._take(rest)
             self._last = rest
             return
-        excess = np.maximum(scatter - self._single_mm2, 0.0) * (scatter > 2 * self._single_mm2)
+        excess = np.where(scatter > 2 * self._single_mm2, scatter - self._single_mm2, 0.0)
         block = _Block(mean, self._mean_mm2 + excess, there)
         self._take(block)
         self._last = block
