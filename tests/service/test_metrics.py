@@ -394,3 +394,15 @@ def test_a_part_that_fails_is_the_reason_for_its_section(bench: Bench) -> None:
     context.parts.failing["mqtt"] = "another bug"
     assert context.reasons()["mqtt"] == "another bug"
     assert figures(bench, "missing") == table("missing mqtt 1, missing events 0, missing upkeep 0, missing modbus 1")
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "last", "beyond"),
+    [("inference", 1e-5, 1e-2, []), ("sample_arrival_age", 1e-3, 5.0, []), ("batch", 5e-4, 1.0, [10.0])],
+)
+def test_times_are_counted_by_bounds_of_1_2_and_5_in_each_decade(
+    bench: Bench, name: str, first: float, last: float, beyond: list[float]
+) -> None:
+    found = re.findall(rf'^beamtouch_{name}_seconds_bucket{{le="([\d.e-]+)",', bench.metrics(), re.MULTILINE)
+    decades = [float(f"{digit}e{power}") for power in range(-5, 1) for digit in (1, 2, 5)]
+    assert [float(bound) for bound in found] == [bound for bound in decades if first <= bound <= last] + beyond
