@@ -172,6 +172,17 @@ def test_five_round_trips_tell_the_slope_if_they_span_enough() -> None:
     assert slopes == pytest.approx([0.99] * 4 + [1 / 1.005], abs=1e-5)
 
 
+def test_the_drift_is_that_of_the_middles_of_round_trips() -> None:
+    trips = RoundTrips()
+    for number, took_s in enumerate((0.01, 0.02, 0.03, 0.04, 0.05)):  # ever slower, there and back alike
+        middle_s = 50.0 + 2 * number / 1.005
+        trips.add(middle_s - took_s / 2, 7.0 + 2 * number, middle_s + took_s / 2)
+    early_s, late_s = trips.to_host(1007.0), trips.to_host(2007.0)
+    assert early_s is not None
+    assert late_s is not None
+    assert (late_s - early_s) / 1000 == pytest.approx(1 / 1.005 - 0.05 / 8, abs=1e-6)  # less the doubt of the slope
+
+
 def test_a_slope_beyond_what_clocks_have_is_taken_for_a_hundredth() -> None:
     for rate, slope in ((1.05, 1.01), (0.95, 0.99)):
         trips = RoundTrips()

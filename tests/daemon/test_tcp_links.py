@@ -2,16 +2,20 @@
 
 import asyncio
 import logging
+from collections.abc import Callable
 
 import pytest
 
 from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources import modbus_tcp, requests
+from beamtouch_daemon.sources.host_address import HostAddress, UnknownHostError
 from beamtouch_daemon.sources.modbus_tcp import TcpLink
+from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block, RegisterAnswer
 from beamtouch_daemon.sources.requests import Failure
+from support.network.free_ports import free_port
 
-from .devices import RegisterUnit, tcp_unit, with_crc
+from .devices import Pieces, RegisterUnit, tcp_unit, with_crc
 
 pytestmark = pytest.mark.anyio
 
@@ -179,3 +183,51 @@ async def test_transaction_numbers_are_1_to_65535() -> None:
                 await link.ask(Block(0, 1))
                 numbers.append(link._transaction)
     assert numbers == [1, 2, 65_535, 1]
+
+
+async def failure_at(port: int, block: Block = Block(0, 2)) -> tuple[str, str]:  # noqa: B008 - it is frozen
+    """Ask the unit at a port in vain; return what is said, and the kind of failure."""
+    settings = ModbusTcp(kind="modbus-tcp", host="127.0.0.1", port=port, timeout_ms=30_000.0)
+    link = TcpLink(settings, "127.0.0.1", 1)
+    async with link.opened():
+        with pytest.raises(NoAnswerError) as raised:
+            await link.ask(block)
+    return str(raised.value), raised.value.failure
+
+
+async def test_a_device_that_is_not_there_or_closes_the_connection_is_said() -> None:
+    port = free_port()
+    said = f"no connection to 127.0.0.1:{port}; is the device on, and is the address right?"
+    assert await failure_at(port) == (said, Failure.UNREACHABLE)
+
+    class Closing(asyncio.Protocol):
+        def data_received(self, _data: bytes) -> None:
+            self.transport.close()
+
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            self.transport = transport
+
+    async with await asyncio.get_running_loop().create_server(Closing, "127.0.0.1", 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        said = f"127.0.0.1:{port} closes the connection without an answer"
+        assert await failure_at(port) == (said, Failure.CLOSED)
+
+
+async def test_an_answer_of_another_function_is_that_to_another_request() -> None:
+    class Other(RegisterUnit):
+        def answer(self, request: bytes, wrap: Callable[[bytes], bytes]) -> Pieces:
+            return super().answer(request, lambda data: wrap(data[:1] + bytes([3]) + data[2:]))
+
+    async with tcp_unit(Other(8, 8)) as port:
+        assert await failure_at(port) == ("unit 1 answered another request", Failure.FOREIGN)
+
+
+async def test_a_name_that_does_not_resolve_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def resolve(_address: HostAddress, within_s: float) -> str:
+        assert within_s == 0.037
+        raise UnknownHostError("plc does not resolve")
+
+    monkeypatch.setattr(HostAddress, "resolve", resolve)
+    with pytest.raises(NoAnswerError) as raised:
+        await link_of().ask(Block(0, 2))
+    assert (str(raised.value), raised.value.failure) == ("plc does not resolve", Failure.UNREACHABLE)

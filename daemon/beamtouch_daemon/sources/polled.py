@@ -78,12 +78,13 @@ class Part:
     def __init__(self, link: Link, blocks: Sequence[Block], values: Mapping[int, Value]) -> None:
         self.link = link
         self.values = values
-        self.rests_until_s = 0.0
+        self.rests_until_s: float
+        """Time until which it is left alone, once it is given up."""
         self.complaint = ""
         """Reason of the last failure."""
         self.refusal = ""
         """Reason why some of the registers are missing from the last answers; empty if none are."""
-        self.may_boot = False
+        self.may_boot: bool
         """True if the unit could still boot when it failed last."""
         self._blocks = blocks
         self._failures: int
