@@ -9,7 +9,7 @@ from beamtouch_daemon.delivery.boots import SurfaceLogs
 from beamtouch_daemon.processing.filters import rest_of
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.running.acquisition import Acquisition
-from beamtouch_daemon.sources.reading import Reading
+from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.requests import Requests
 
 from .publishing import boot
@@ -48,6 +48,17 @@ class Beam(Nothing):
             self.given += 2
             yield [Reading(50.0 + at / RATE_HZ, tuple(self._counts(at))) for at in pair]
             await asyncio.sleep(0)
+
+
+class Gone(Beam):
+    """A device that is not there."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda _: ())
+
+    async def readings(self) -> AsyncGenerator[list[Reading], None]:
+        raise SourceError("it is gone")
+        yield []
 
 
 class Bench:

@@ -2,18 +2,17 @@
 
 import json
 import stat
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from beamtouch_daemon.cli import main
 from beamtouch_daemon.commands import tare
-from beamtouch_daemon.sources.reading import Reading, SourceError
 from support.programs.in_process import Outcome, command_of
 from support.surfaces import configs
 
-from .acquiring import Beam
+from .acquiring import Beam, Gone
 
 Tare = Callable[..., Outcome]
 UNASKED = "the service could not be asked, or has no contact to give"
@@ -22,17 +21,6 @@ UNASKED = "the service could not be asked, or has no contact to give"
 def counts(first: float, second: float = 20_000.0) -> Beam:
     """Return a beam at rest with noise of two counts."""
     return Beam(lambda at: (first + 2.0, second - 2.0) if at % 2 else (first - 2.0, second + 2.0))
-
-
-class Gone(Beam):
-    """A device that is not there."""
-
-    def __init__(self) -> None:
-        super().__init__(lambda _: ())
-
-    async def readings(self) -> AsyncGenerator[list[Reading], None]:
-        raise SourceError("it is gone")
-        yield []
 
 
 @pytest.fixture
