@@ -12,7 +12,7 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.filters import steps_mm
 from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.filters import FloatArray
+from beamtouch_models.filters import FloatArray, Rested
 from beamtouch_service.samples import Note, Quality, Sample
 
 from .surfaces import RATE_HZ, STEP_MM, counts_of, mean_of, surface_of
@@ -176,8 +176,24 @@ def test_a_sample_says_how_far_zeros_may_have_drifted_once_it_is_more_than_is_al
     common_mm, own_mm = pressed[-1].sample.zero_mm or (0.0, 0.0)
     assert common_mm == pytest.approx(TRACKING["max_mm"] / 3**0.5, rel=0.01)  # 30 um would be beyond the limit
     assert own_mm == pytest.approx(0.0029, rel=0.1)
+    assert [float(f"{own_mm:.{digits}g}") == own_mm for digits in (2, 3)] == [False, True]
     lifted = pipeline.process(readings_of(*wobbling(REST, 400)), 0.0)
     assert lifted[-1].sample.zero_mm is None
+
+
+@pytest.mark.parametrize(
+    ("zero_mm", "far_mm"),
+    [((0.0139, -0.0139), None), ((0.0141, 0.003), 0.0141), ((0.003, -0.0141), 0.0141), ((0.0145, -0.0192), 0.0192)],
+)
+def test_a_zero_is_far_from_the_last_tare_from_seven_tenths_of_what_is_followed(
+    zero_mm: tuple[float, float], far_mm: float | None
+) -> None:
+    surface = surface_of(filter=mean_of(1), **TRACKED)
+    pipeline = Pipeline(surface, rested=Rested(1.0, zero_mm, (0.001, 0.001)))
+    assert pipeline.far_zero_mm == far_mm
+    (taken,) = pipeline.process(readings_of((REST, REST)), 0.0)
+    assert taken.notes == (() if far_mm is None else (Note.ZEROS,))
+    assert Pipeline(surface_of()).far_zero_mm is None
 
 
 @pytest.mark.promise("docs/explanation/readings-to-samples.md", "samples carry the note `zeros`.")

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.processing.filters import steps_mm, walk_of
+from beamtouch_daemon.processing.filters import slowest_period, steps_mm, walk_of
 from beamtouch_models.filters import Filtered, FloatArray, Hurried, Rested, Tracked, Walk, Zeros, beyond_start
 
 DIGITS = 3
@@ -21,8 +21,7 @@ class ZeroTracker:
     """The zeros of one surface."""
 
     def __init__(self, surface: Surface, walk: Walk, noise_mm: float, rested: Rested) -> None:
-        period = (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3
-        channels = len(surface.channels)
+        period, channels = slowest_period(surface), len(surface.channels)
         self._walk, self._noise_mm = walk, noise_mm
         self._zeros = Zeros(walk, surface.rate_hz, noise_mm, steps_mm(surface), period, channels, rested)
 
