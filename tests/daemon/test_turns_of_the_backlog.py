@@ -9,7 +9,7 @@ import pytest
 
 from beamtouch_daemon.delivery import backlog
 from beamtouch_daemon.delivery.backlog import Backlog
-from beamtouch_daemon.delivery.boots import Boot
+from beamtouch_daemon.delivery.boots import BacklogState, Boot
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.log_store import LogStore
 
@@ -96,3 +96,38 @@ async def test_a_question_that_is_refused_makes_no_request_smaller() -> None:
         one.expected = 1
         assert not await deliverer._deliver(one)  # half as many may be taken
         assert (one.pace.most, one.due_s <= monotonic()) == (MOST // 2, True)
+
+
+@pytest.mark.parametrize(
+    ("is_thin", "has_new", "was_sent"), [(False, True, False), (True, False, False), (True, True, True)]
+)
+async def test_the_backlog_waits_for_no_live_batch_if_none_is_due(is_thin: bool, has_new: bool, was_sent: bool) -> None:
+    async with delivering(1) as (deliverer, one):
+        one.pace.is_thin, one.pace.stale_s = is_thin, 600.0
+        deliverer._over_s = 100.0
+        one.live.sent_s = 100.0 if was_sent else 99.0
+        if has_new:
+            one.put(taken(2 * MOST + 1, 1))
+        await asyncio.wait_for(deliverer._let_live_pass(one), 60)
+        assert one.backlog_state is BacklogState.RESTS
+
+
+async def test_on_a_thin_line_the_backlog_waits_until_a_live_batch_has_gone_or_for_an_eighth_of_a_second() -> None:
+    async with delivering(1) as (deliverer, one):
+        one.pace.is_thin, deliverer._over_s = True, 100.0
+        one.put(taken(2 * MOST + 1, 1))
+        begun_s = monotonic()
+        await deliverer._let_live_pass(one)
+        assert monotonic() - begun_s >= 0.125
+        assert one.backlog_state is BacklogState.RESTS
+        deliverer._logs.present = None
+        await asyncio.wait_for(deliverer._let_live_pass(one), 60)  # of a surface that is not configured
+        deliverer._logs.present = one
+        one.pace.stale_s, deliverer._over_s = 600.0, 100.0
+        waiting = asyncio.ensure_future(deliverer._let_live_pass(one))
+        await one.wait_for_change(60.0)
+        assert one.backlog_state is BacklogState.WAITS
+        one.live.sent_s = 100.0
+        one.changed.set()
+        await asyncio.wait_for(waiting, 60)
+        assert one.backlog_state is BacklogState.RESTS
