@@ -112,6 +112,10 @@ async def test_the_backlog_waits_for_no_live_batch_if_none_is_due(is_thin: bool,
         assert one.backlog_state is BacklogState.RESTS
 
 
+def state_of(one: Boot) -> BacklogState:
+    return one.backlog_state
+
+
 async def test_on_a_thin_line_the_backlog_waits_until_a_live_batch_has_gone_or_for_an_eighth_of_a_second() -> None:
     async with delivering(1) as (deliverer, one):
         one.pace.is_thin, deliverer._over_s = True, 100.0
@@ -119,15 +123,15 @@ async def test_on_a_thin_line_the_backlog_waits_until_a_live_batch_has_gone_or_f
         begun_s = monotonic()
         await deliverer._let_live_pass(one)
         assert monotonic() - begun_s >= 0.125
-        assert one.backlog_state is BacklogState.RESTS
+        assert state_of(one) is BacklogState.RESTS
         deliverer._logs.present = None
         await asyncio.wait_for(deliverer._let_live_pass(one), 60)  # of a surface that is not configured
         deliverer._logs.present = one
         one.pace.stale_s, deliverer._over_s = 600.0, 100.0
         waiting = asyncio.ensure_future(deliverer._let_live_pass(one))
         await one.wait_for_change(60.0)
-        assert one.backlog_state is BacklogState.WAITS
+        assert state_of(one) is BacklogState.WAITS
         one.live.sent_s = 100.0
         one.changed.set()
         await asyncio.wait_for(waiting, 60)
-        assert one.backlog_state is BacklogState.RESTS
+        assert state_of(one) is BacklogState.RESTS
