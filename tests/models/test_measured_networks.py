@@ -135,9 +135,15 @@ def test_layouts_are_those_at_equal_pitch_and_those_of_the_largest_product(monke
     assert layouts[4, "optimised"] == [3.0, 13.0, 23.0, 33.0]
 
 
-def test_a_single_network_has_no_spread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(figure_8, "train", lambda *_, **__: [Network(200.0, 1), Network(100.0, 1)])
+@pytest.mark.parametrize("places_mm", [(200.0,), (200.0, 100.0, 20.0)])
+def test_the_spread_is_that_of_a_sample_and_of_a_single_network_none(
+    monkeypatch: pytest.MonkeyPatch, places_mm: tuple[float, ...]
+) -> None:
+    networks = [Network(place_mm, 1) for place_mm in places_mm]
+    monkeypatch.setattr(figure_8, "train", lambda *_, **__: networks * 2)
     monkeypatch.setattr(figure_8, "accuracy_limit", lambda *_: Measurement(1.0, 0.1))
-    monkeypatch.setattr(figure_8, "DRAWS", 400)
-    found = measure({(2, "equal"): equal_pitch_mm(2)}, 7, networks=1, max_epochs=1)
-    assert found["rig_spread_percent"].tolist() == [0.0]
+    monkeypatch.setattr(figure_8, "DRAWS", 20_000)
+    found = measure({(2, "equal"): equal_pitch_mm(2)}, 7, networks=len(networks), max_epochs=1)
+    errors = np.array([network.error_percent for network in networks])
+    expected = (((errors - errors.mean()) ** 2).sum() / max(len(errors) - 1, 1)) ** 0.5
+    assert found["rig_spread_percent"] == pytest.approx([expected], rel=0.05, abs=1e-12)

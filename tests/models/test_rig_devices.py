@@ -8,12 +8,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.lab.rig import devices
-from beamtouch_models.lab.rig.devices import SerialDevice, start_board
+from beamtouch_models.lab.rig.devices import Module, SerialDevice, rtu_server, start_board, tcp_server
 from beamtouch_models.lab.rig.faults import Faults
 from beamtouch_models.lab.rig.lines import Relay, joined_line, named_line, read, write
 from beamtouch_protocol.framing import Decoder, encode
@@ -124,6 +125,14 @@ def test_a_device_says_what_it_is_and_takes_rates_and_sums_that_its_counts_leave
     assert pong == Pong(7, 0)
 
 
+def test_requests_for_another_unit_are_answered_on_tcp_and_not_on_a_serial_line() -> None:
+    async def made() -> list[bool]:
+        tcp = tcp_server(lambda: [0], 1, Module(), "127.0.0.1", 0)
+        return [server.ignore_missing_devices for server in (tcp, rtu_server(lambda: [0], 1, Module(), "line"))]
+
+    assert asyncio.run(made()) == [False, True]
+
+
 def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
@@ -171,6 +180,13 @@ def test_what_is_sent_on_a_joined_line_passes_the_relay_both_ways(tmp_path: Path
             loop.remove_reader(end)
             return read(end)
 
+        add, listened = loop.add_reader, list[int]()
+
+        def listen(end: int, *given: Any) -> None:  # noqa: ANN401
+            listened.append(end)
+            add(end, *given)
+
+        loop.add_reader = listen  # type: ignore[method-assign, assignment]
         with joined_line(path, Relay(faults, clock)) as near:
             device, host = (os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) for name in (near, str(path)))
             os.write(host, b"ask")
@@ -186,6 +202,8 @@ def test_what_is_sent_on_a_joined_line_passes_the_relay_both_ways(tmp_path: Path
             passed.append(await come(host))
             os.close(device)
             os.close(host)
+        assert len(listened) == 5
+        assert not any(map(loop.remove_reader, listened))
         return passed
 
     assert asyncio.run(asyncio.wait_for(exchange(), 60)) == [b"ask", b"answer", b"later"]

@@ -140,6 +140,8 @@ def test_sentences_tell_of_ringing_of_waiting_and_of_other_estimators() -> None:
         "paper-network: an inference takes 28 µs instead of 17, and the error is 1.50 ± 0.01 times the limit instead "
         "of 1.09 ± 0.01."
     )
+    slow = replace(traded(NETWORK), inference_us=(Measurement(123.4, 1.0), Measurement(4567.8, 2.0)))
+    assert "an inference takes 4600 µs instead of 120, and" in sentences(slow)[-1]
     still = (moment(OWN.filter.window, 12.5, 5.2),)
     assert len(sentences(traded(moments=still))) == 1
 
