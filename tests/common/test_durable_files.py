@@ -106,3 +106,23 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_beside_it(
         write_atomically(path, NEW, mode=0o644)
     assert failure.value.filename == str(path)
     assert {one.name: one.read_bytes() for one in path.parent.iterdir()} == {path.name: OLD}
+
+
+def test_the_content_of_an_archive_and_of_what_is_restored_is_on_the_disk_before_it_has_its_name(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced, sync = list[tuple[str, int]](), os.fsync
+
+    def note(descriptor: int) -> None:
+        sync(descriptor)
+        name = os.readlink(f"/proc/self/fd/{descriptor}")  # noqa: PTH115 - of no file
+        if stat.S_ISREG(os.fstat(descriptor).st_mode):
+            synced.append((Path(name).name, os.fstat(descriptor).st_size))
+
+    monkeypatch.setattr(os, "fsync", note)
+    archive, new = path.parent / "a.tar.gz", path.parent / "new"
+    write_archive(archive, "test", path, [Part(path)])
+    restore_archive(archive, new, None)
+    (written, size), (restored, length) = synced
+    assert (size, length) == (archive.stat().st_size, len(OLD))
+    assert (written.startswith(".a.tar.gz."), restored.startswith(f".{path.name}.")) == (True, True)

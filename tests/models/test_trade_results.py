@@ -194,6 +194,12 @@ def test_json_has_errors_in_percent_of_the_length_and_which_points_are_on_the_fr
     assert found["since_touch"][0]["limit_mm"]["value"] == pytest.approx(8.4)
 
 
+def test_models_that_measure_the_same_keep_the_times_of_their_own() -> None:
+    twin = a_model()
+    trade = traded(twin)
+    assert [trade.time_of(model).value for model in (trade.own, twin)] == [17.0, 28.0]
+
+
 def test_a_failure_is_told_in_a_line() -> None:
     failure = Failure("noise", 6, "paper-network", "no room for it")
     assert str(failure) == "6 sensors, paper-network, another noise: no room for it"
