@@ -93,7 +93,7 @@ def test_errors_are_means_over_the_networks_of_a_layout(trained: Trained) -> Non
     assert abs(expected[0, 14] / expected[0, 0] - 1) > 0.03
     assert found["noise_trained_percent"] == pytest.approx([errors[4:6, 0].mean(), errors[6:, 0].mean()], rel=0.02)
     spreads = [abs(one - other) / 2**0.5 for one, other in (errors[:2, 14], errors[2:4, 14])]
-    assert found["rig_spread_percent"] == pytest.approx(spreads, rel=0.1)
+    assert found["rig_spread_percent"] == pytest.approx(spreads, rel=0.1, abs=0.2)
     assert (found["networks"], found["reached"], found["epochs"]) == (4, 3, [650, 900])
     assert found["layouts"] == list(LAYOUTS)
     assert [places.tolist() for places in found["positions_mm"]] == [places.tolist() for places in LAYOUTS.values()]
