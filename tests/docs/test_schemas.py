@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+import facts
 from beamtouch_common.zones import Zone
 from beamtouch_daemon.config.publish import Publish
 from beamtouch_daemon.config.settings import Config, Loads, Metrics, Surface
@@ -24,7 +25,7 @@ from beamtouch_service.config import ConfigFile
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
 from beamtouch_service.outputs.mqtt.section import MqttSection
 from beamtouch_service.outputs.opcua.section import OpcUaSection
-from beamtouch_service.samples import Receipt
+from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.sections import EventsSection, ServerSection, SurfaceSection
 from support.pages.pasted import ROOT
 
@@ -66,12 +67,20 @@ def test_the_schema_of_a_section_is_that_of_the_program(name: str, part: type[Ba
     assert made["properties"] == committed(name)["$defs"][part.__name__]["properties"]
 
 
-@pytest.mark.parametrize("part", [Departures, Receipt])
+@pytest.mark.parametrize("part", [Batch, Departures, Receipt, Sample])
 def test_the_schema_of_what_is_sent_is_that_of_the_program(part: type[BaseModel]) -> None:
-    schema = part.model_json_schema(ref_template="#/components/schemas/{model}")
-    # Where nothing is the default, the description of the service does not say so.
-    made = {
-        name: {key: value for key, value in field.items() if (key, value) != ("default", None)}
-        for name, field in schema["properties"].items()
+    made = part.model_json_schema(ref_template="#/components/schemas/{model}")
+    stated = committed("openapi")["components"]["schemas"][part.__name__]
+    assert without_null(made["properties"]) == without_null(stated["properties"])
+
+
+def without_null(members: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return members without a default of nothing, which the description of an answer leaves out."""
+    return {
+        name: {key: value for key, value in member.items() if (key, value) != ("default", None)}
+        for name, member in members.items()
     }
-    assert made == committed("openapi")["components"]["schemas"][part.__name__]["properties"]
+
+
+def test_the_description_of_the_service_is_that_of_the_program() -> None:
+    assert json.loads(json.dumps(facts.openapi())) == committed("openapi")
