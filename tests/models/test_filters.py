@@ -117,3 +117,12 @@ def test_a_chain_that_restarts_knows_nothing() -> None:
     again = chain.apply(WHITE[:40])
     np.testing.assert_array_equal(again.mean_mm, first.mean_mm)
     np.testing.assert_array_equal(again.covariance_mm2, first.covariance_mm2)
+
+
+def test_without_the_noise_of_a_reading_no_covariance_is_known() -> None:
+    found = Chain(Mean("moving-average", 4), 2).apply(WHITE[:9])
+    with pytest.raises(ValueError, match="the covariance needs the noise of a reading"):
+        _ = found.covariance_mm2
+    known = Chain(Mean("moving-average", 4), 2, np.array([0.5, 2.0])).apply(1e-3 * WHITE[:9])
+    assert known.covariance_mm2[-1].tolist() == [[0.25 / 4, 0.0], [0.0, 4.0 / 4]]
+    assert known.covariances_mm2(np.array([8])).tolist() == known.covariance_mm2[8:].tolist()

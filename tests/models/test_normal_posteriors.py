@@ -12,6 +12,7 @@ from beamtouch_models.design.estimators.onnx_graph import to_bytes
 from beamtouch_models.design.estimators.posterior.cells import resolving_cells
 from beamtouch_models.design.estimators.posterior.plane import plane_graph, table_of
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
+from beamtouch_models.design.estimators.posterior.window import table_of as path_of
 from beamtouch_models.places import Extent
 from beamtouch_models.runtime.error_model import Errors
 from beamtouch_models.runtime.session import runner
@@ -216,3 +217,37 @@ def test_an_open_force_needs_a_cell_for_each_of_two_and_a_half_deviations_that_t
 
     prior = Prior(Extent.of_beam((40.0, 540.0)), 640.0, (2.0, FORCE_N), Errors(1.0), 2, turning)
     assert resolving_cells(prior) == cells
+
+
+@pytest.mark.parametrize(
+    # An arc of 2.5 in n parts has a sagitta of L (2.5 / n)^2 / 8, which is to be a hundredth of a deviation.
+    ("loudness", "steps"),
+    [(100.0, 128), (209.0, 128), (211.0, 129), (1e4, 884), (8.4e5, 8101), (1e6, 8192)],
+)
+def test_a_path_has_nodes_enough_for_straight_lines_between_them(loudness: float, steps: int) -> None:
+    slope = 0.001 * loudness / 540.0
+    beside = math.sqrt(loudness**2 - (540.0 * slope) ** 2)
+    prior = bar(1.0, np.array([slope, 0.0]) / FORCE_N, np.array([0.0, beside]) / FORCE_N)
+    table = path_of(prior)
+    assert table.steps == steps
+    assert table.position_mm[[0, -1]] == pytest.approx([40.0, 540.0])
+    assert table.influence == pytest.approx(prior.influence_at(table.position_mm[:, None]), rel=1e-4, abs=1e-6)
+    assert table.stretches.tolist() == [0.0, steps]
+    assert table.variance is None
+
+
+@pytest.mark.parametrize(("least", "is_held"), [(0.0, True), (0.045, True), (0.055, False)])
+def test_a_place_that_hardly_moves_the_sensors_parts_a_path_in_two(least: float, is_held: bool) -> None:
+    """Beside a support, at 200 mm here, two places look alike."""
+
+    def folded(at_mm: Floats) -> Floats:
+        away = (at_mm[:, 0] - 200) / 340
+        return 100 * np.stack([np.abs(away) * math.sqrt(1 - least**2), np.full(len(away), least)], axis=1)
+
+    prior = Prior(Extent.of_beam((40.0, 540.0)), 640.0, (2.0, FORCE_N), Errors(1.0), 2, folded)
+    table = path_of(prior)
+    assert len(table.stretches) == (3 if is_held else 2)
+    if is_held:
+        assert np.interp(table.stretches[1], np.arange(table.steps + 1), table.position_mm) == pytest.approx(
+            200, abs=0.2
+        )
