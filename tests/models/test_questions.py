@@ -8,6 +8,7 @@ import pytest
 from beamtouch_models import change_scene, read_scene
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.building.report.questions import can, cannot, noun_of, overload_of, questions
+from beamtouch_models.design.pricing.effect import Effect, Verdict
 from beamtouch_models.design.surface import Surface, resolve
 from beamtouch_models.runtime.metadata import Metadata
 from beamtouch_models.runtime.metadata_parts import FilterChoice, Influence, SinceTouch
@@ -225,3 +226,27 @@ def test_what_a_surface_cannot_do_is_told() -> None:
     fragile = cannot(model_of(channels=3, min_channels=3).metadata)
     assert "It does not go on when a sensor fails: every one of them must work." in fragile
     assert len(fragile) == len(cannot(model_of().metadata)) + 1
+
+
+def test_how_far_a_structure_bends_and_slopes_is_told(surface: Surface) -> None:
+    """F l^3 / (48 E I) in the middle, and 0.06415 F l^2 / (E I) at an end under a load at 0.4226 of the length."""
+    bent_mm, slope = 20 * 400**3 / (48 * 1.18125e7), 0.06415 * 20 * 400**2 / 1.18125e7
+    yours = "forces, which count twice, fatigue, holes and fastening are yours to check."
+    told = answers(surface, model_of().metadata)["Is the beam strong enough?"]
+    assert told.endswith(f"It bends by up to {bent_mm:.3g} mm and slopes by up to {slope:.2g} rad. Sudden {yours}")
+    moved = replace(surface.travel, lift_mm=1.23456, fall_mm=0.7, slope=0.0067891)
+    plate = replace(surface, scene=read_scene(SCENES / "plate-on-springs.toml"), travel=moved)
+    told = answers(plate, model_of(outputs=PLATE_OUTPUTS).metadata)["Is the plate strong enough?"]
+    assert told == (
+        "It moves by up to 1.23 mm and slopes by up to 0.0068 rad. "
+        f"Its stress depends on how wide the contact is: that, sudden {yours}"
+    )
+
+
+@pytest.mark.parametrize(("verdict", "is_told"), [("not modelled", True), ("not stated", True), ("out", False)])
+def test_a_beam_that_cannot_lengthen_is_told_as_far_as_that_counts(
+    surface: Surface, verdict: Verdict, *, is_told: bool
+) -> None:
+    others = (Effect("shear", 0.01, "out", "thin"), Effect("expansion", 0.5, verdict, "it is held at both ends"))
+    told = answers(replace(surface, effects=others), model_of().metadata)["What if it warms?"]
+    assert ("The beam cannot lengthen freely: it is held at both ends. Keep heat from one side away" in told) == is_told
