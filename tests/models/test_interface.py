@@ -59,7 +59,29 @@ def test_the_error_along_the_beam_has_the_mean_of_the_limit(scene: models.Scene)
     more = layout.error_along(place, draws=200, seed=1)
     off = np.abs(along.error_mm - more.error_mm) / np.hypot(along.standard_error_mm, more.standard_error_mm)
     assert 0.5 < np.sqrt(np.mean(off**2)) < 1.5  # standard errors say how far two seeds are apart
-    assert layout.error_along(draws=2).position_mm[[0, -1]] == pytest.approx([1, 399])
+    assert layout.error_along(draws=2).position_mm == pytest.approx(np.linspace(1, 399, 41))
+
+
+def test_the_error_at_a_place_scatters_as_its_standard_error_says(scene: models.Scene) -> None:
+    """Over the same place again and again, of two contacts each, the variance of the means is the mean of squares."""
+    again = models.resolve(scene).layout([68, 156, 244, 332]).error_along(np.full(300, 130.0), draws=2, seed=4)
+    assert again.error_mm.var() == pytest.approx((again.standard_error_mm**2).mean(), rel=0.25)
+
+
+def test_simulated_samples_scatter_about_the_deflections_of_their_contacts_by_the_errors(scene: models.Scene) -> None:
+    surface = models.resolve(scene)
+    layout = surface.layout([68, 156, 244, 332])
+    clean = models.influence_matrix(scene, layout.positions_mm, [130.0])[0]
+    samples = layout.simulate(np.full(2000, 130.0), 10, seed=2)
+    expected = np.hypot(np.hypot(surface.errors.noise_mm, surface.errors.zero_mm), 10 * surface.errors.gain * clean)
+    assert samples.std(axis=0) == pytest.approx(expected, rel=0.08)
+    assert samples.mean(axis=0) == pytest.approx(10 * clean, abs=5 * expected.max() / 2000**0.5)
+    assert layout.simulate([130.0, 260.0], [10, 4], seed=2).shape == (2, 4)
+    weak, strong = layout.simulate([130.0, 130.0], [2, 20], seed=5)
+    assert strong == pytest.approx(20 * clean, rel=0.05)
+    assert weak == pytest.approx(2 * clean, rel=0.05)
+    assert not np.array_equal(layout.simulate(130.0, 10, seed=1), layout.simulate(130.0, 10))
+    assert np.array_equal(layout.simulate(130.0, 10, seed=0), layout.simulate(130.0, 10))
 
 
 def test_a_model_locates_the_load_that_bent_the_beam(scene: models.Scene, bench_model: Path) -> None:
