@@ -6,7 +6,7 @@ import pytest
 from beamtouch_models.design.model import Estimates
 
 
-def told(state: str = "contact", channels: int = 4, **figures: float) -> str:
+def told(state: str = "contact", *, channels: int = 4, **figures: float) -> str:
     values = {name: np.array([value]) for name, value in figures.items()}
     return repr(Estimates(values, state=np.array([state]), channels=np.array([channels])))
 
@@ -47,7 +47,7 @@ def test_a_figure_without_an_interval_has_four_digits() -> None:
 )
 def test_few_channels_are_told(figures: dict[str, float], channels: int, *, few: bool) -> None:
     said = f"; {channels} channels hardly tell it from other loads"
-    assert told(channels=channels, **figures).endswith(said) == few
+    assert told("contact", channels=channels, **figures).endswith(said) == few
 
 
 def test_other_states_have_no_figures() -> None:

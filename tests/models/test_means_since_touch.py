@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from beamtouch_models import change_scene, read_scene, resolve
-from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.statistics import Measurement
 from beamtouch_models.design.building.since_touch import Answer, answers_of_means, answers_since_touch
 from beamtouch_models.design.effort import Effort
@@ -22,13 +22,13 @@ def layout() -> Layout:
     return resolve(change_scene(read_scene(SCENES / "bench.toml"), sensors=exact)).layout([68, 156, 244, 332])
 
 
-def by_noise(_sample: Floats, weights: Floats) -> dict[str, Floats]:
+def by_noise(_sample: NDArray[np.floating], weights: NDArray[np.floating]) -> dict[str, NDArray[np.float32]]:
     """Far away, by the deviation of the first channel over that of a reading."""
-    return {"position_mm": FAR_MM / weights[:, 0, 0]}
+    return {"position_mm": (FAR_MM / weights[:, 0, 0]).astype(np.float32)}
 
 
-def always(sample: Floats, _weights: Floats) -> dict[str, Floats]:
-    return {"position_mm": np.full(len(sample), FAR_MM)}
+def always(sample: NDArray[np.floating], _weights: NDArray[np.floating]) -> dict[str, NDArray[np.float32]]:
+    return {"position_mm": np.full(len(sample), FAR_MM, np.float32)}
 
 
 def test_means_are_of_two_readings_of_those_of_the_filter_of_four_times_as_many_and_of_the_longest(
