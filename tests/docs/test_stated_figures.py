@@ -9,20 +9,21 @@ from typing import Any
 import pytest
 
 import facts
-from beamtouch_common import parts, waits
+from beamtouch_common import commands, parts, waits
 from beamtouch_common.zones import BEGIN, HOLD, MAX_ZONES
 from beamtouch_daemon.delivery.log_store import MEMORY_S
 from beamtouch_daemon.delivery.pace import MAX_BATCH
-from beamtouch_daemon.measuring import tares
+from beamtouch_daemon.measuring import noise, tares
 from beamtouch_daemon.processing import rate
 from beamtouch_daemon.running.acquisition import PATIENCE_S
 from beamtouch_daemon.sources import board, rtu_bus, rtu_unit, traffic
 from beamtouch_models import read_scene
 from beamtouch_models.design.accuracy import thresholds
-from beamtouch_models.design.calibration import recordings
+from beamtouch_models.design.calibration import doubts, recordings
 from beamtouch_models.design.physics.beam import MAX_SLOPE
 from beamtouch_models.design.physics.motion import DAMPING_RATIO
 from beamtouch_models.design.pricing import effect
+from beamtouch_models.design.scene import measured_loads
 from beamtouch_models.filters import rest, zeros
 from beamtouch_models.filters.change_detector import DRIFT_PART, STILL_PART
 from beamtouch_models.filters.motion import SCATTER_PART
@@ -64,6 +65,7 @@ from support.pages.pasted import ROOT, blocks_of
 WORDS: dict[float, str] = {1: "a", 2: "two", 3: "three", 4: "four", 5: "five", 10: "ten"}
 TIMES = {2.0: "twice"}
 OFTEN_S = {1.0: "Once a second"}
+HOURS = {1.0: "an hour"}
 PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths", 0.5: "half"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
@@ -213,6 +215,8 @@ STATED = {
     "docs/explanation/speed-or-accuracy.md": [f"agree for {PARTS[STILL_PART]} of the beam's slowest period"],
     "docs/how-to/calibrate-without-loads.md": [f"With the {BENCH.sensors.gain_error_percent:g} % of `bench.toml`"],
     "docs/how-to/calibrate.md": [
+        f"at least {WORDS[round(math.exp(doubts.PERHAPS))]} times as probable as no such mistake, "
+        f"but less than {round(math.exp(doubts.SURELY), -1):.0f} times",
         f"with {WORDS[recordings.MIN_SAMPLES]} rows or more for each load",
         f"Loads may stand about {WORDS[recordings.STATED.placing_mm]} millimetre off",
         f"by about {WORDS[100 * recordings.STATED.force]} percent (standard deviations)",
@@ -232,6 +236,7 @@ STATED = {
         f"`damping_ratio` is {math.log(2) / (2 * math.pi):.2f} over this number",
     ],
     "docs/how-to/opcua.md": [
+        f"or above {HOURS[door.MAX_INTERVAL_MS / 3.6e6]} is refused",
         f"can hold the {door.MAX_CONNECTIONS} connections, {WORDS[door.ACTIVATION_S]} seconds each",
         f"shows within {WORDS[space.LOOK_S]} second and an interval",
         f"at most {door.MAX_WAITING} values of a variable",
@@ -351,6 +356,17 @@ STATED = {
     ],
     "docs/how-to/adc-module.md": [
         f"waits {traffic.BOOT_S:g} s for a board that boots",
+    ],
+    "docs/how-to/drift.md": [
+        f"from {noise.FEWEST_MINUTES} minutes on",
+    ],
+    "docs/how-to/measured.md": [
+        f"{measured_loads.MOST:,} loads at {measured_loads.MOST_PLACES} places".replace(",", " "),
+    ],
+    "docs/reference/commands.md": [
+        f"is {commands.DONE} if the work is done, {commands.FAILED} if it failed, "
+        f"{commands.WRONG_INPUT} for wrong input",
+        f"and {commands.INTERRUPTED} after Ctrl-C",
     ],
     "firmware_protocol/PROTOCOL.md": [
         f"asks for {traffic.BOOT_S:g} s after the opening, and for {board.HELLO_TIMEOUT_S:g} s later on",
