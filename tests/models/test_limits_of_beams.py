@@ -50,6 +50,11 @@ OF_BEAMS: dict[str, tuple[Tables, Tables, str]] = {
         beam(youngs_modulus_gpa=1501),
         "beam.youngs_modulus_gpa = 1501 is more than any material has; if it is in MPa, write 1.501",
     ),
+    "modulus in MPa that might be in psi": (
+        {},
+        beam(youngs_modulus_gpa=1.5e6),
+        "beam.youngs_modulus_gpa = 1.5e+06 is more than any material has; if it is in MPa, write 1500",
+    ),
     "modulus in psi": (
         {},
         beam(youngs_modulus_gpa=1.6e6),

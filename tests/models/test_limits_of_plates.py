@@ -88,6 +88,11 @@ OF_PLATES: dict[str, tuple[Tables, Tables, str]] = {
         "sensors.keep_out has x_mm = [-9, 0], y_mm = [10, 20], off the plate, 0..400 by 0..300 mm; correct it, or "
         "remove it",
     ),
+    "sensors of a beam": (
+        {},
+        sensors(fixed_mm=[20]),
+        "sensors.fixed_mm is for a beam; write sensors.fixed here",
+    ),
     "keep-out behind the plate": (
         sensors(keep_out=[{"x_mm": [10, 20], "y_mm": [299, 330]}]),
         sensors(keep_out=[{"x_mm": [10, 20], "y_mm": [300, 330]}]),

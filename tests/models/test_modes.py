@@ -69,6 +69,7 @@ def series_mm(seconds: float, load_mm: float, zeta: float) -> np.ndarray:
 @pytest.mark.parametrize("zeta", [0.01, 0.3])
 def test_a_sudden_force_rings_as_the_series_of_the_textbook(zeta: float) -> None:
     modes = modes_of(BENCH)
+    assert modes.square_s2.shape == (24,)
     found = swings(modes.at(SENSORS), modes.under(LOADS), modes.square_s2, np.ones(3), np.zeros(3))
     seconds = np.array([-0.01, 0.0, 0.0021, 0.0113, 0.05])
     moved = influence(BENCH, SENSORS, LOADS)[:, None] * (seconds >= 0)[:, None]

@@ -23,8 +23,8 @@ NOISIEST = 0.1
 STIFFEST_GPA = 1500.0
 """Diamond has 1200 GPa."""
 PSI_PER_GPA = 145038
-UNITS = (("MPa", 1e3, 1.0), ("psi", PSI_PER_GPA, 5.0), ("Pa", 1e9, 0.1))
-"""Other units of a modulus: how many of them are a GPa, and the smallest modulus in GPa for which one is meant."""
+UNITS = {"MPa": 1e3, "psi": PSI_PER_GPA, "Pa": 1e9}
+"""Other units of a modulus, the largest first: how many of them are a GPa."""
 LIGHTEST_KG_M3, HEAVIEST_KG_M3 = 20.0, 25_000.0
 """Foams and osmium; a smaller number is a density in g/cm3."""
 MIN_EXPANSION, MAX_EXPANSION = 1e-3, 1e3
@@ -226,9 +226,9 @@ def _properties(beam: Beam) -> Iterator[str]:
 
 def _too_stiff(key: str, modulus: float) -> Iterator[str]:
     if modulus > STIFFEST_GPA:
-        fits = [(unit, modulus / times) for unit, times, least in UNITS if least <= modulus / times <= STIFFEST_GPA]
-        advice = f"if it is in {fits[0][0]}, write {digits(fits[0][1], 4)}" if fits else "state it in GPa"
-        yield f"{key} = {modulus:g} is more than any material has; {advice}"
+        right_gpa = {unit: modulus / times for unit, times in UNITS.items() if modulus / times <= STIFFEST_GPA}
+        advices = (f"if it is in {unit}, write {digits(gpa, 4)}" for unit, gpa in right_gpa.items())
+        yield f"{key} = {modulus:g} is more than any material has; {next(advices, 'state it in GPa')}"
 
 
 def implausible_material(table: str, solid: Beam | Plate) -> Iterator[str]:
