@@ -15,7 +15,7 @@ from beamtouch_service.samples import MAX_EARLIER, Batch
 from beamtouch_service.sections import SurfaceSection
 from beamtouch_service.surfaces.estimate import Estimator
 from service.bench import Row, parsed, surface_with
-from service.event_story import ODD, RESTING, TOUCHING
+from service.event_story import BETWEEN, ODD, RESTING, TOUCHING
 from support.surfaces.small_model import model_of
 
 CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]
@@ -63,6 +63,15 @@ def test_an_event_adds_up_how_long_its_contact_was_inside_each_zone() -> None:
     assert boot.event.event.zones == {"gate": 15_000}
     add(boot, TOUCHING)
     assert boot.event.event.zones == {"gate": 20_000}
+
+
+def test_what_is_lost_leaves_nothing_known_of_the_state() -> None:
+    boot = add(begun(), RESTING, TOUCHING)
+    add(boot, BETWEEN)  # it ends no contact
+    assert boot.event is not None
+    boot.lose()
+    add(boot, BETWEEN)  # nor does it begin one
+    assert boot.event is None
 
 
 def test_a_boot_has_room_for_20_000_samples_that_are_not_durable() -> None:

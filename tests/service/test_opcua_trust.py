@@ -1,13 +1,16 @@
 """The clients that an OPC UA server with `trusted_folder` takes: those of the folder, and whom they vouch for."""
 
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey, generate_private_key
 from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
-from beamtouch_service.outputs.opcua.security import TrustedCertificates
+from beamtouch_service.outputs.opcua.section import OpcUaSection
+from beamtouch_service.outputs.opcua.security import TrustedCertificates, read_security
 
 Keyed = tuple[x509.Certificate, RSAPrivateKey]
 
@@ -44,3 +47,19 @@ def test_a_client_is_trusted_by_its_own_certificate_or_that_of_its_issuer_and_by
     assert [trusted.is_trusted(one) for one in (own, issued, foreign, certificate_of("plant")[0])] == [
         *(True, True, False, False)
     ]
+
+
+@pytest.mark.promise("docs/how-to/opcua.md", "Files may be PEM or DER, whatever their names.")
+@pytest.mark.parametrize("encoding", [Encoding.PEM, Encoding.DER])
+def test_what_a_file_is_is_said_by_its_content(tmp_path: Path, encoding: Encoding) -> None:
+    certificate, key = certificate_of("server")
+    (tmp_path / "one").write_bytes(certificate.public_bytes(encoding))
+    (tmp_path / "two").write_bytes(key.private_bytes(encoding, PrivateFormat.PKCS8, NoEncryption()))
+    (tmp_path / "clients").mkdir()
+    (tmp_path / "clients" / "any").write_bytes(certificate.public_bytes(encoding))
+    keys = {"certificate_file": tmp_path / "one", "key_file": tmp_path / "two", "trusted_folder": tmp_path / "clients"}
+    security = read_security(OpcUaSection.model_validate(keys))
+    assert security.own is not None
+    assert security.own[0] == certificate
+    assert security.own[1].private_numbers() == key.private_numbers()
+    assert (security.has_password, security.has_trusted) == (False, True)

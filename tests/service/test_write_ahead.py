@@ -1,5 +1,6 @@
 """A write-ahead log that grows, as another program holds on to an old state of the file: when it is told, and how."""
 
+import os
 import sqlite3
 import subprocess
 import sys
@@ -99,3 +100,40 @@ def test_beyond_the_limit_nothing_is_written_until_the_program_is_over_that_is_n
         assert f"(process {other.pid}) holds on to an old state of {path}" in reason
         other.communicate("")
     assert log.reason_to_wait(connection) == ""
+
+
+@pytest.mark.parametrize(
+    ("locks", "named"),
+    [
+        ("1: POSIX ADVISORY READ 4711 08:01:{inode} 123 123\n2: POSIX ADVISORY READ 12 08:01:{inode} 123 123", "both"),
+        ("1: POSIX ADVISORY READ {own} 08:01:{inode} 123 123", None),
+        ("1: POSIX ADVISORY READ 4711 08:01:7{inode} 123 123", None),
+        ("1: POSIX ADVISORY READ 99 08:01:{inode} 123 123", None),  # it has just ended
+        ("1: POSIX ADVISORY READ many 08:01:{inode} 123 123", None),
+        ("1:", None),
+        (None, None),
+    ],
+)
+def test_the_programs_that_hold_a_log_are_named_as_far_as_the_system_tells(
+    path: Path, connection: Connection, monkeypatch: pytest.MonkeyPatch, locks: str | None, named: str | None
+) -> None:
+    monkeypatch.setattr(write_ahead, "WARN_BYTES", 1)
+    monkeypatch.setattr(write_ahead, "MAX_BYTES", 1)
+    names = {"/proc/4711/comm": "backup\n", "/proc/12/comm": "copy it\n"}
+
+    def read(one: Path) -> str:
+        if str(one) == "/proc/locks" and locks is not None:
+            return locks.format(inode=path.with_name("events.db-shm").stat().st_ino, own=os.getpid())
+        if str(one) in names:
+            return names[str(one)]
+        raise FileNotFoundError
+
+    with closing(holding(path)):
+        fill(path, connection)
+        monkeypatch.setattr(Path, "read_text", read)
+        reason = WriteAheadLog(path).reason_to_wait(connection)
+    who = "copy it (process 12), backup (process 4711)" if named else "another program"
+    assert reason == (
+        f"{who} holds on to an old state of {path}, so its write-ahead log has 0 MB; end that program, or its "
+        "transaction"
+    )
