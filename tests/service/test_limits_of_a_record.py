@@ -168,7 +168,10 @@ def test_the_trail_tells_once_a_day_how_many_events_were_deleted_and_forgets_non
     assert told(limited) == [{"too_old": number, "beyond_max_mb": 0} for number in (100, 153)]
 
 
-def test_deletions_are_told_again_once_a_whole_day_of_the_record_has_passed(transactions: Transactions) -> None:
+def test_deletions_are_told_again_once_a_whole_day_of_the_record_has_passed(
+    transactions: Transactions, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "beamtouch_service.record.trail")
     limited = Limited(transactions)
     limited.put(1)
     limited.put(2, recorded_s=1.5)
@@ -176,6 +179,8 @@ def test_deletions_are_told_again_once_a_whole_day_of_the_record_has_passed(tran
         limited.look(DAY_S + at_s)
         assert len(told(limited)) == entries
     assert told(limited)[-1] == {"too_old": 2, "beyond_max_mb": 0}
+    lines = [line.partition(";")[0] for line in caplog.messages if line.startswith("trail: ")]
+    assert lines == [f"trail: entry {number}, deletion, by service" for number in (1, 2)]
 
 
 def test_the_trail_stays_when_the_record_is_beyond_its_size(transactions: Transactions) -> None:

@@ -17,6 +17,8 @@ from beamtouch_service.surfaces.surface import Surface
 from service.bench import Row, parsed, surface_of, surface_with
 
 NOW_S = 1000.0
+TOUCHED: Row = [0.5, 0.25, 0.125, 0.0]
+WEDGED: Row = [0.5, 0.25, 0.75, 0.125]
 ZONED = SurfaceSection(zones={"gate": Zone(from_mm=120, to_mm=200)})
 
 
@@ -66,6 +68,37 @@ def test_what_a_contact_has_as_null_is_bad_beside_good_values() -> None:
     surface.receive(parsed([0.5, 0.25, None], sequence=2, quality=["good", "good", "missing"]), NOW_S)
     found = codes(surface)
     assert (found["zones/gate"], found["position_mm"]) == ("BadNoData", "UncertainSubNormal")
+
+
+@pytest.mark.parametrize(
+    ("rows", "quality", "notes", "code"),
+    [
+        ([TOUCHED], None, [], "Good"),
+        ([TOUCHED], None, ["rate"], "UncertainSubNormal"),
+        ([[0.5, 0.25, None, 0.0]], ["good", "good", "missing", "good"], [], "UncertainSubNormal"),
+        ([WEDGED] * 9, None, [], "UncertainSubNormal"),
+        ([[0.0] * 4], None, [], "Good"),
+    ],
+    ids=["contact", "note", "a channel is bad", "unexplained", "clear"],
+)
+def test_only_a_state_of_all_channels_without_a_note_is_good(
+    rows: list[Row], quality: list[str] | None, notes: list[str], code: str
+) -> None:
+    surface = surface_of(channels=4)
+    batch = parsed(*rows, quality=quality)
+    surface.receive(type(batch).model_validate(batch.model_dump() | {"notes": notes}), NOW_S)
+    assert codes(surface)["state"] == code
+
+
+def test_a_value_has_the_time_of_its_sample_and_without_one_that_of_the_service() -> None:
+    now = datetime(2026, 11, 20, 23, 41, tzinfo=UTC)
+    surface = surface_of()
+    found = values(surface, NOW_S, now)["state"]
+    assert (found.SourceTimestamp, found.ServerTimestamp) == (now, now)
+    surface.receive(parsed([0.5, 0.25, 0.125]), NOW_S)
+    found = values(surface, NOW_S, now)["state"]
+    assert found.SourceTimestamp == datetime(2026, 11, 20, 23, 40, 46, 123_000, UTC)
+    assert found.ServerTimestamp == now
 
 
 @pytest.mark.parametrize(

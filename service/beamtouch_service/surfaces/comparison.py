@@ -290,7 +290,7 @@ def _in_brackets(parts: list[str]) -> str:
 
 def _width_in_words(one: FigureDifference) -> str:
     """Return how much wider or narrower the candidate's intervals are."""
-    if one.model_width <= 0:
+    if not one.model_width:
         return "not comparable"
     percent = 100 * (one.candidate_width / one.model_width - 1)
     if abs(percent) < _LEAST_PERCENT:
