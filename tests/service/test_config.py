@@ -10,6 +10,8 @@ from pydantic import ValidationError
 
 from beamtouch_service.config import ConfigFile, Settings, load_settings, read_access
 from beamtouch_service.outputs.modbus.section import ModbusServerSection
+from beamtouch_service.outputs.mqtt.section import MqttSection
+from beamtouch_service.outputs.opcua.section import OpcUaSection
 from beamtouch_service.sections import EventsSection, ServerSection, SurfaceSection
 from support.surfaces.wrong_numbers import with_wrong_numbers
 
@@ -107,6 +109,13 @@ KEYS = {
     "surfaces.a.stale_ms": (0.001, 60_000.0),
     "surfaces.a.unexplained_after_s": (0.001, 86_400.0),
     "surfaces.a.degraded_after_s": (0.001, 86_400.0),
+    "modbus_server.port": (0, 65535),
+    "modbus_server.max_clients": (1, 4096),
+    "modbus_server.idle_s": (0.1, 86_400.0),
+    "mqtt.port": (1, 65535),
+    "mqtt.max_rate_hz": (1.0, 200.0),
+    "opcua.port": (1, 65535),
+    "opcua.interval_ms": (10.0, 10_000.0),
 }
 """Key -> the least and the largest value; what must be positive may be as small as one likes."""
 
@@ -115,7 +124,7 @@ def with_key(key: str, value: float) -> ConfigFile:
     *tables, name = key.split(".")
     content: dict[str, object] = {name: value}
     for table in reversed(tables):
-        content = {table: content}
+        content = {table: content | ({"host": "broker"} if table == "mqtt" else {})}
     return ConfigFile.model_validate(content)
 
 
@@ -136,7 +145,33 @@ def test_a_surface_has_defaults() -> None:
     assert (section.model, section.zones) == (None, {})
 
 
-def test_a_service_has_at_most_32_names() -> None:
+@pytest.mark.parametrize(
+    ("key", "taken", "refused"),
+    [
+        ("prefix", "a" * 200, "a" * 201),
+        ("prefix", "Hall_1/line-2.b", "hall/"),
+        ("client_id", "x" * 200, "x" * 201),
+        ("client_id", " one ~", "\u00e9"),
+        ("host", "broker-2", ""),
+    ],
+)
+def test_a_name_at_a_broker_has_bounds(key: str, taken: str, refused: str) -> None:
+    assert getattr(MqttSection.model_validate({"host": "broker", key: taken}), key) == taken
+    with pytest.raises(ValidationError):
+        MqttSection.model_validate({"host": "broker", key: refused})
+
+
+def test_outputs_have_defaults() -> None:
+    mqtt, opcua = MqttSection(host="broker"), OpcUaSection()
+    assert (mqtt.prefix, mqtt.client_id, mqtt.max_rate_hz, mqtt.tls) == ("beamtouch", None, 20.0, False)
+    assert (mqtt.send_recorded_events, mqtt.home_assistant_discovery) == (False, False)
+    assert (opcua.host, opcua.port, opcua.interval_ms) == ("127.0.0.1", 4840, 100.0)
+
+
+def test_a_service_has_at_most_32_names_and_trusted_proxies() -> None:
+    assert len(ServerSection(trusted_proxies=["10.0.0.5"] * 32).trusted_proxies) == 32
+    with pytest.raises(ValidationError):
+        ServerSection(trusted_proxies=["10.0.0.5"] * 33)
     assert len(ServerSection(names=["a"] * 32).names) == 32
     with pytest.raises(ValidationError):
         ServerSection(names=["a"] * 33)

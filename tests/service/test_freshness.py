@@ -162,6 +162,7 @@ def stalls_after(*ticks_s: float) -> StallDetector:
 
 def test_what_is_read_within_a_tenth_of_a_second_of_a_tick_has_not_waited() -> None:
     assert StallDetector().earliest_s(5.0) == 5.0
+    assert stalls_after(-7.0).earliest_s(-7.0) == -7.0, "a clock may begin anywhere"
     stalls = stalls_after(0.0)
     assert [stalls.earliest_s(read_s) for read_s in (0.0, 0.1, 0.1001, 7.0)] == [0.0, 0.1, 0.0, 0.0]
     assert stalls_after(0.0, 0.1).earliest_s(0.15) == 0.15
