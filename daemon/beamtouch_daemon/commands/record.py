@@ -66,7 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--surface: choose one of {', '.join(names)}")
     if not 0 < arguments.seconds <= MAX_SECONDS:
         raise InputError(f"--seconds: give more than 0 and at most {MAX_SECONDS:g}")
-    name, surface = names[0], config.surfaces[names[0]]
+    (name,) = names
+    surface = config.surfaces[name]
     try:
         given = [parse_load(words, surface, is_accepted=arguments.accept) for words in arguments.at or ()]
     except ValueError as error:

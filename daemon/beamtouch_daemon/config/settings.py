@@ -195,7 +195,7 @@ class Surface(Strict):
     @property
     def value_unit(self) -> str:
         """Unit of what all channels show."""
-        return self.channels[0].value_unit
+        return next(channel.value_unit for channel in self.channels)
 
     @property
     def axes(self) -> tuple[str, ...]:

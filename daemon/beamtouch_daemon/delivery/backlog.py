@@ -131,7 +131,8 @@ class Backlog:
         if len(batch.samples) > 1:
             boot.pace.halve(len(batch.samples))
         elif batch.samples and answer.problem in NEVER_ACCEPTED:
-            number = batch.samples[0].sequence
+            (refused,) = batch.samples
+            number = refused.sequence
             _logger.warning("%s: sample %d is dropped: %s", self._logs.name, number, answer.explanation)
             boot.refuse(number)
         else:

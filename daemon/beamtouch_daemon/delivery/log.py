@@ -82,7 +82,7 @@ class Log:
 
     def batch(self, samples: Sequence[TimedSample]) -> Batch:
         """Return a backlog of samples with the same notes. The service validates it."""
-        notes = [str(note) for note in samples[0].notes] if samples else []
+        notes = [str(note) for note in next((timed.notes for timed in samples), ())]
         return self.backlog_batch([timed.sample for timed in samples], notes)
 
     def backlog_batch(self, samples: Sequence[Sample], notes: Sequence[str]) -> Batch:

@@ -32,7 +32,7 @@ def find_byte_orders(surface: Surface, counts: Sequence[float | None]) -> list[B
             registers = Value(0, value_type, configured).encode(counts[place] or 0.0)
             value = Value(0, value_type, order).decode(dict(enumerate(registers)))
             values[place] = np.nan if value is None else value
-        codes = characteristic.quality(values[np.newaxis])[0].tolist()
+        (codes,) = characteristic.quality(values[np.newaxis]).tolist()
         return [QUALITIES[codes[place]] for place in places].count(Quality.GOOD)
 
     return [] if good_in(configured) else [order for order in get_args(ByteOrder) if 2 * good_in(order) > len(places)]

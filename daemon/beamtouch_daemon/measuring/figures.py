@@ -33,5 +33,5 @@ def heads_with_unit(heads: Sequence[str], of_unit: Sequence[str], units: Sequenc
     """
     if len(set(units)) > 1:
         return list(heads), [f" {unit}" for unit in units]
-    unit = units[0] if units else MM
+    unit = next(iter(units), MM)
     return [f"{head} {unit}" if head in of_unit else head for head in heads], [""] * len(units)

@@ -232,7 +232,7 @@ def _effective_mm2(residual: FloatArray, number: int, of_block: FloatArray, surf
     """Return the variance of white readings whose filtered values scatter as much, shape (channels,)."""
     filtered = Chain(_mean_at_rest(surface), len(surface.channels)).apply(residual)
     relative = filtered.relative_variance
-    settled = int(np.flatnonzero(relative[:, 0] <= 1.01 * np.nanmin(relative[:, 0]))[0])
+    settled = int((relative == np.nanmin(relative)).all(axis=1).argmax())  # the window is full
     values = filtered.mean_mm.copy()
     values[:settled] = np.nan
     scatter = np.nanvar(_blocks(values, number), axis=1).mean(axis=0) + of_block

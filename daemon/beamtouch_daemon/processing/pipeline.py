@@ -121,14 +121,13 @@ class Pipeline:
         good = codes == _GOOD
         good_mm = np.where(good, raw, np.nan)
         filtered = self._filtered(good_mm, readings, good, raw[-1], counts[-1])
-        zeros = None if self._zeros is None else self._zeros.track(good_mm, lost, filtered)
         at_rest = len(readings) - len(filtered.moves)
         readings, codes, good, raw = readings[at_rest:], codes[at_rest:], good[at_rest:], raw[at_rest:]
         values, stated = np.where(good, filtered.mean_mm, raw), uncertainties(filtered)
-        if zeros is not None:
-            values -= zeros.zero_mm[at_rest:]  # not of each reading: a mean holds some from before a zero moved
         drifts: list[list[float] | None] = [None] * len(readings)
-        if self._zeros is not None and zeros is not None:
+        if self._zeros is not None:
+            zeros = self._zeros.track(good_mm, lost, filtered)
+            values -= zeros.zero_mm[at_rest:]  # not of each reading: a mean holds some from before a zero moved
             drifts = self._zeros.stated(zeros, filtered)
         unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
         waits = [False] * len(readings)
