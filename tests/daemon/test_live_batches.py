@@ -304,3 +304,19 @@ async def test_live_batches_that_were_in_flight_when_their_part_failed_are_over(
         async with bench:
             await service.until(1)
             assert service.batches[0][1].samples[-1].sequence == 3
+
+
+async def test_the_debug_log_has_each_batch_and_what_became_of_it(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("DEBUG", "beamtouch_daemon.delivery.sending")
+    async with serving(Service()) as service, sender(url=service.url) as one:
+        service.statuses = [200, 503]
+        live = one.boot.log.batch(taken(3, 3)).model_copy(update={"backlog": False, "newest_age_ms": 0.0})
+        await send(one.live._client, one.logs, one.boot, live)
+        await send(one.live._client, one.logs, one.boot, one.boot.log.backlog_batch([], []))
+    async with sender() as away:
+        await send(away.live._client, away.logs, away.boot, away.boot.log.batch(taken(7, 1)))
+    said = [record.getMessage() for record in caplog.records if record.levelname == "DEBUG"]
+    brought, asked, gone = (line.removeprefix("bench: ") for line in said)
+    assert brought.startswith("live batch of boot boot-0001, samples 3 to 5: taken: accepted=")
+    assert asked == "backlog batch of boot boot-0001, no samples: later: status 503"
+    assert gone == "backlog batch of boot boot-0001, samples 7 to 7: no answer: Connection refused"

@@ -10,16 +10,21 @@ import pytest
 
 from beamtouch_common.parts import Parts
 from beamtouch_daemon.cli import main
+from beamtouch_daemon.config.settings import Config
+from beamtouch_daemon.config.tare_file import NOT_TARED, TareFile
 from beamtouch_daemon.delivery.log_file import Chunk
 from beamtouch_daemon.delivery.log_store import LogStore
+from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.running import daemon
 from beamtouch_daemon.running.acquisition import Acquisition
 from beamtouch_daemon.running.daemon import Summary
+from beamtouch_daemon.running.kept_zeros import KeptZeros
 from support.programs.in_process import command_of
 from support.surfaces import configs
 
 from .acquiring import Bench, reading
 from .publishing import boot, taken
+from .surfaces import surface_of
 
 
 def parts(**failing: str) -> Parts:
@@ -125,3 +130,48 @@ async def test_progress_is_reported_four_times_in_the_time_of_the_watchdog_and_e
     assert pauses == [pause_s, pause_s]
     assert manager.told == ["reading bench, press"]  # while a surface hangs, nothing is reported
     assert [line for line in caplog.messages if "progress" in line] == ["no progress on bench, press"]
+
+
+def config_of(folder: Path, rest_ms: float = 100.0, **surface: object) -> Config:
+    publish = {"url": "http://plc", "token_file": "token", "batch_ms": 7.0, "rest_ms": rest_ms, "log_samples": 150}
+    context = {"directory": folder, "files": {"bench": folder / "daemon.toml"}}
+    return Config.model_validate({"publish": publish, "surfaces": {"bench": surface_of(**surface)}}, context=context)
+
+
+TARE = TareFile(
+    surface="bench", taken_at="2026-11-20T23:40:46+00:00", readings=200, rest_gap_mm={"s1": 2.25, "s2": 2.75}
+)
+
+
+@pytest.mark.anyio
+async def test_a_surface_begins_with_what_all_its_batches_state(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    growing = {"kind": "growing-mean", "max_mean_ms": 1000.0}
+    config = config_of(tmp_path, noise_mm=0.002, beam="0a1b2c3d4e5f", filter=growing)
+    store = LogStore(None, 0)
+    line = daemon._begin(config, "bench", TARE, KeptZeros(None), store, {})
+    head = line.boot.log.head
+    assert (head.channels, head.noise_mm, head.beam) == (["s1", "s2"], [0.002, 0.002], "0a1b2c3d4e5f")
+    assert (head.tared_at, line.is_tared) == ("2026-11-20T23:40:46+00:00", True)
+    assert head.characteristic == Characteristic.of(config.surfaces["bench"], TARE.rest_gap_mm).identity
+    assert (line._batch_s, line._rest_s, line.name) == (0.007, 0.1, "bench")
+    assert line._pipeline._rest is not None
+    assert store.surface("bench").present is line.boot
+    line.boot.put(taken(1, 160))
+    assert line.boot.log.in_memory == 150
+    assert caplog.messages == ["bench: 10 samples dropped"]
+
+
+@pytest.mark.anyio
+async def test_a_surface_without_a_tare_says_so_and_without_a_rest_each_reading_is_a_sample(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    growing = {"kind": "growing-mean", "max_mean_ms": 1000.0}
+    config = config_of(tmp_path, rest_ms=0.0, noise_mm=0.002, filter=growing)
+    line = daemon._begin(config, "bench", None, KeptZeros(None), LogStore(None, 0), {})
+    assert (line.boot.log.head.tared_at, line.is_tared, line._pipeline._rest) == (None, False, None)
+    assert caplog.messages == [f"bench: {NOT_TARED}"]
+    unknown = daemon._begin(config_of(tmp_path), "bench", TARE, KeptZeros(None), LogStore(None, 0), {})
+    assert unknown.boot.log.head.noise_mm is None
+    assert unknown.boot.log.head.boot_id != line.boot.log.head.boot_id
