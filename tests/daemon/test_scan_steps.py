@@ -270,3 +270,12 @@ async def test_without_a_timeout_that_of_the_sources_counts(capsys: pytest.Captu
         failure = await scan_of(target).network()
     assert failure.endswith("--timeout-ms 2000")  # ten times 0.2 s
     assert capsys.readouterr().err.startswith(f"{target}: Modbus TCP units 1-16, 0, 255; Ctrl-C ends it\n")
+
+
+@pytest.mark.usefixtures("brief")
+async def test_a_line_that_is_unplugged_meanwhile_is_gone() -> None:
+    with terminal() as line:
+        line.on_data(lambda _: line.unplug())
+        with pytest.raises(SourceError) as raised:
+            await scan_of(line.path, units=(5,), baud=(9600,), parity=("none",), timeout_ms=30_000.0).line()
+        assert str(raised.value) == f"{line.path} is gone"
