@@ -71,12 +71,10 @@ def judge(
     is_asked = np.arange(len(samples.valid)) % length >= first
     enough = np.flatnonzero(is_asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
     shown = evidence(metadata, run, samples.part(enough)) if len(enough) else []
-    last_draw, decider = -1, Hypotheses(metadata.thresholds, [AT_REST])
+    deciders = [Hypotheses(metadata.thresholds, [AT_REST]) for _ in readings_mm]
     for index, of_sample in zip(enough.tolist(), shown, strict=True):
-        draw, reading = divmod(index, length)
-        if draw != last_draw:
-            last_draw, decider = draw, Hypotheses(metadata.thresholds, [AT_REST])
-        verdict, place = decider.step(of_sample), (draw, reading)
+        draw, _ = place = divmod(index, length)
+        verdict = deciders[draw].step(of_sample)
         judged.outcome[place], judged.unsteady[place] = Outcome[verdict.state.name], verdict.unsteady
         if verdict.state is State.CONTACT:
             answer = of_sample.answer
