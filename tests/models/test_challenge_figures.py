@@ -70,6 +70,7 @@ FAULT = replace(GOOD, honest=False, noticed=0.8, power=1.0)
         (replace(FAULT, noticed=0.3), ["noticed 30% of 100%"]),
         (replace(FAULT, power=0.85), []),
         (replace(FAULT, noticed=0.0, power=0.5), []),
+        (replace(FAULT, noticed=0.0, power=0.3), []),
     ],
 )
 def test_a_goal_is_missed_only_by_more_than_chance(row: Row, missed: list[str]) -> None:
