@@ -1,7 +1,8 @@
 """What `design-sensors build` reads, and what it says beside the model, where the building itself is known."""
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,9 +10,12 @@ from typing import Any
 import onnx
 import pytest
 
+from beamtouch_models.design.building.build import build_model
 from beamtouch_models.design.layout import Layout, keep_sensors
 from beamtouch_models.design.placement.placing import DEFAULT_AIM, Aim
-from beamtouch_models.design.surface import Surface
+from beamtouch_models.design.scene import parse_scene
+from beamtouch_models.design.surface import Surface, resolve
+from beamtouch_models.errors import SceneError
 from beamtouch_models.places import Place
 from beamtouch_models.runtime import ModelFile
 from support.programs.in_process import Command
@@ -145,3 +149,38 @@ def test_sensors_of_a_model_are_placed_anew_where_that_is_asked_for(
     assert done.returncode == 0, done.stderr
     assert ("placed" in asked, "kept" in asked) == (True, False)
     assert asked["aim"].criterion == DEFAULT_AIM.criterion
+
+
+def test_a_build_goes_from_the_layout_over_the_estimator_to_the_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = list[tuple[str, float]]()
+
+    def make(_layout: Layout, name: str, seed: int, progress: Callable[[float], None]) -> str:
+        for done in (0.0, 0.5, 1.0):
+            progress(done)
+        return f"{name} of seed {seed}"
+
+    def measure(made: str, *_: object) -> None:
+        raise SceneError(f"measured {made}")
+
+    monkeypatch.setattr(Layout, "make_estimator", make)
+    monkeypatch.setattr("beamtouch_models.design.building.build.measure", measure)
+    layout = keep_sensors(resolve(parse_scene(SCENE, "scene")), POSITIONS_MM)
+    with pytest.raises(SceneError, match=r"^measured small-network of seed 7$"):
+        build_model(layout, "press-7", estimator="small-network", seed=7, progress=lambda *step: steps.append(step))
+    assert [text for text, _ in steps] == ["making the estimator"] * 3 + ["measuring the accuracy against the limit"]
+    # The layout before it takes three tenths, and what is measured after it the last fifth.
+    assert [share for _, share in steps] == pytest.approx([0.3, 0.55, 0.8, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("name", "estimator", "said"),
+    [
+        ("two words", "posterior", "name = 'two words' must have 1 to 64 letters"),
+        ("press-7", "best", "estimator = 'best' must be one of posterior, "),
+        (7, "posterior", "name: give text, not int '7'"),
+    ],
+)
+def test_a_model_has_a_name_and_one_of_the_estimators(name: Any, estimator: Any, said: str) -> None:  # noqa: ANN401
+    layout = keep_sensors(resolve(parse_scene(SCENE, "scene")), POSITIONS_MM)
+    with pytest.raises(SceneError, match=re.escape(said)):
+        build_model(layout, name, estimator=estimator, seed=0)
