@@ -7,7 +7,6 @@ folders. A file from the folder of the configuration has its path from there, an
 import hashlib
 import io
 import os
-import secrets
 import tarfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -21,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from beamtouch_common.commands import version
 from beamtouch_common.errors import FailedError, InputError
-from beamtouch_common.files import sync_folder
+from beamtouch_common.files import partial_of, sync_folder
 
 _LIST = "list.json"
 _MAX_LIST_BYTES = 1024 * 1024
@@ -85,7 +84,7 @@ def write_archive(target: Path, program: str, config: Path, parts: Sequence[Part
     """
     if os.path.lexists(target):
         raise InputError(f"{target}: is there already; name another one, or move it away")
-    partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
+    partial = partial_of(target)
     try:
         named: dict[str, Part] = {}
         for part in parts:
@@ -267,7 +266,7 @@ def _target_of(archive: Path, name: str, folder: Path, root: Path | None) -> Pat
 def _unpack(content: IO[bytes], target: Path, one: _File, made: list[Path]) -> Path:
     """Write a file beside its target; return it. What was made is added to `made`."""
     _make_folders(target.parent, made)
-    partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
+    partial = partial_of(target)
     made.append(partial)  # before it is there: a signal may come between
     descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as file:

@@ -130,9 +130,14 @@ def write_atomically(
         raise OSError(error.errno, error.strerror, str(path)) from error  # the file that the user named
 
 
+def partial_of(path: Path) -> Path:
+    """Return where to write a file until it is whole: beside it, under a name that nothing else has."""
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+
+
 def _replace(path: Path, content: bytes, mode: int | None, owner: tuple[int, int] | None) -> None:
     """Write a file beside it, and put that in its place."""
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    partial = partial_of(path)
     try:
         descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else mode)
         with os.fdopen(descriptor, "wb") as file:
