@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnx
 import pytest
 
@@ -12,6 +13,7 @@ from beamtouch_models.errors import ModelFileError
 from beamtouch_models.runtime import Metadata, load
 from beamtouch_models.runtime.loading import load_bytes
 from beamtouch_models.runtime.metadata import fewest_that_check
+from beamtouch_models.runtime.session import GraphError, graph_errors
 from support.surfaces.small_model import PLATE_OUTPUTS, content_of, model_of
 
 BEAM, PLATE = model_of().metadata, model_of(channels=4, outputs=PLATE_OUTPUTS).metadata
@@ -211,3 +213,29 @@ def test_what_is_no_model_is_told(tmp_path: Path, name: str, said: str) -> None:
     with pytest.raises(ModelFileError) as refused:
         load(f"{tmp_path}/{name}")
     assert str(refused.value).endswith(said)
+
+
+def test_a_graph_answers_in_the_thread_that_asks_and_says_nothing() -> None:
+    options = model_of().graph.session.get_session_options()
+    assert options.intra_op_num_threads == 1
+    assert options.log_severity_level == 4  # fatal errors only
+    assert model_of().graph.session.get_providers() == ["CPUExecutionProvider"]
+
+
+def test_more_samples_than_a_chunk_are_answered_in_their_order() -> None:
+    deflection_mm = np.arange(900.0)[:, None] * [0.0, 1e-3, 0.0]
+    whitening = np.broadcast_to(np.eye(3), (900, 3, 3))
+    answers = model_of().run(deflection_mm, whitening)
+    assert answers["position_mm"] == pytest.approx(100 + 0.1 * np.arange(900.0), rel=1e-5)
+    assert {
+        name: len(values) for name, values in model_of().run(deflection_mm[:0], whitening[:0]).items()
+    } == dict.fromkeys(model_of().outputs, 0)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"), [(RuntimeError("first line\nsecond"), "first line"), (MemoryError(), "MemoryError")]
+)
+def test_an_error_of_a_graph_is_told_in_one_line(error: Exception, said: str) -> None:
+    with pytest.raises(GraphError) as raised, graph_errors():
+        raise error
+    assert str(raised.value) == said

@@ -41,14 +41,12 @@ def graph_errors() -> Iterator[None]:
 
 
 def open_session(content: bytes) -> ort.InferenceSession:
-    """Return an onnxruntime session of an ONNX file's content, on the CPU, for one thread that does not spin.
+    """Return an onnxruntime session of an ONNX file's content, on the CPU, in the thread that asks.
 
-    An answer takes microseconds, and waiting must cost nothing.
+    An answer takes microseconds, and threads that wait for the next one would spin.
     """
     options = ort.SessionOptions()
     options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4
     # Without a folder, onnxruntime refuses weights in other files.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
