@@ -63,6 +63,7 @@ def told(forces: Forces, stated: ForceRange, shown_n: float, deviation_n: float)
         ((9.0, 11.0), 0.01),
         ((8.0, 12.0), 0.05),
         ((9.9, 10.1), 0.01),
+        ((9.99, 10.01), 0.001),
         ((9.9, 10.1), 0.1),  # so faint that the range is as good as a point
         ((10.0, 10.0), 0.05),
     ],
@@ -80,9 +81,9 @@ def test_force_odds_and_misfit_are_those_of_closed_forms(force_n: tuple[float, f
         if shown > 0:
             assert answers["contact_log_odds"][row] == pytest.approx((shown / deviation_n) ** 2 / 2, rel=3e-3)
         # An even density has its middle in the middle, and its interval is the whole range.
-        assert answers["position_mm"][row] == pytest.approx(290.0, abs=0.5)
-        assert answers["position_low_mm"][row] == pytest.approx(40.0, abs=0.5)
-        assert answers["position_high_mm"][row] == pytest.approx(540.0, abs=0.5)
+        assert answers["position_mm"][row] == pytest.approx(290.0, abs=2.0)
+        assert answers["position_low_mm"][row] == pytest.approx(40.0, abs=2.0)
+        assert answers["position_high_mm"][row] == pytest.approx(540.0, abs=2.0)
         if stated.is_open:
             mean_n, ends_n = max(shown, 0.0), (max(shown, 0.0), deviation_n)
         else:

@@ -47,7 +47,9 @@ class Graph:
     def apply(
         self, operation: str, *inputs: str, output: str | None = None, **attributes: int | float | Sequence[int]
     ) -> str:
-        """Add an operation with one result."""
+        """Add an operation with one result. A reduced axis keeps a length of 1 unless stated otherwise."""
+        if operation.startswith("Reduce"):
+            attributes.setdefault("keepdims", 1)
         name = output or f"{self.name}{operation.lower()}_{len(self.nodes)}"
         node = helper.make_node(operation, inputs, [name])
         node.attribute.extend(helper.make_attribute(key, value) for key, value in sorted(attributes.items()))

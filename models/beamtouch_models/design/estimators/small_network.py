@@ -48,7 +48,7 @@ def first_stage(network: Network) -> FirstStage:
     steps = network.table.steps
 
     def add(graph: Graph, seen: Whitened) -> tuple[list[str], list[str]]:
-        square = graph.apply("ReduceSumSquare", seen.bounded, axes=[1], keepdims=1)
+        square = graph.apply("ReduceSumSquare", seen.bounded, axes=[1])
         square = graph.apply("Add", square, graph.constant(FAINT * network.largest_mm**2))
         value = graph.apply("Div", seen.bounded, graph.apply("Sqrt", square))
         for weights, bias in network.layers[:-1]:

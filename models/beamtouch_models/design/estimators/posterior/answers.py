@@ -216,15 +216,15 @@ def state_force(graph: Graph, stated: ForceRange, found: Scored, posterior: str,
         mean = graph.apply("MatMul", posterior, graph.apply("Transpose", force, perm=[0, 2, 1]))
     else:
         force, variance = _told_force(graph, stated, found, masses.every, masses.beyond)
-        mean = graph.apply("ReduceSum", graph.apply("Mul", posterior, force), axis, keepdims=1)
+        mean = graph.apply("ReduceSum", graph.apply("Mul", posterior, force), axis)
     off = graph.apply("Sub", force, mean)
     if fine:
         # Rounding in a sum of large numbers, and a posterior that adds up to nearly 1, move the mean.
-        rest = graph.apply("ReduceSum", graph.apply("Mul", posterior, off), axis, keepdims=1)
+        rest = graph.apply("ReduceSum", graph.apply("Mul", posterior, off), axis)
         mean = graph.apply("Add", mean, rest)
     square = graph.apply("Mul", off, off)
     square = graph.apply("Add", square, variance)
-    variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
+    variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis)
     deviations = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None]
     value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(deviations)))
     if masses.beyond is not None:
@@ -276,8 +276,8 @@ def state_answers(graph: Graph, prior: Prior, found: Scored, least: str, grid: G
     exponent = graph.apply("Max", exponent, graph.constant(MIN_EXPONENT))
     likely = graph.apply("Mul", graph.apply("Exp", exponent), grid.share)
     axes = graph.ints(1, 2)
-    touched = graph.apply("ReduceLogSum", likely, axes=[1, 2], keepdims=1)
-    rest = graph.apply("ReduceSumSquare", found.sample, axes=[1, 2], keepdims=1)
+    touched = graph.apply("ReduceLogSum", likely, axes=[1, 2])
+    rest = graph.apply("ReduceSumSquare", found.sample, axes=[1, 2])
     odds = graph.apply("Add", touched, graph.apply("Sub", rest, least))
     graph.apply("Squeeze", odds, axes, output="contact_log_odds")
     if found.widened is not None:

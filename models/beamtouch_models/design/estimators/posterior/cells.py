@@ -119,7 +119,7 @@ def fixed_cells_graph(prior: Prior, count: int, *, with_force: bool) -> onnx.Mod
     fit = scored(graph, seen, prior, graph.constant(cells.influence.T), variance)
     least, misfit = lowest_of(graph, likely_misfit(graph, prior.force_range, fit))
     if not prior.force_range.is_open:
-        least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2], keepdims=1)
+        least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2])
     # Rounding may put the bottom below 0.
     graph.apply("ReduceL1", misfit, axes=[1, 2], keepdims=0, output="misfit")
     width = np.diff(cells.edges_mm)

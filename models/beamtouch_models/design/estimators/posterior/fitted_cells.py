@@ -78,7 +78,7 @@ def scored(graph: Graph, seen: Whitened, prior: Prior, influence: str, variance:
         own_variance = graph.apply("Mul", variance, graph.constant(1 - (shared**2).sum(axis=1)[:, None]))
     wider = widening(graph, force, own_variance)
     vectors = [graph.apply("Div", vector, wider) for vector in (shape, sample)]
-    volume = graph.apply("ReduceProd", wider, axes=[1], keepdims=1)
+    volume = graph.apply("ReduceProd", wider, axes=[1])
     if shared is not None:
         sources = _sources(graph, force, variance, shared)
         vectors += [graph.apply("Div", source, wider) for source in sources]
@@ -102,12 +102,12 @@ def _without_source(graph: Graph, vectors: list[str]) -> tuple[str, list[str]]:
     """Return (1 + c'c)^1/2, and (I + c c')^-1/2 of all vectors but the last one, which is the source c."""
     *others, source = vectors
     one, axes = graph.constant(1.0), graph.ints(1)
-    square = graph.apply("ReduceSumSquare", source, axes=[1], keepdims=1)
+    square = graph.apply("ReduceSumSquare", source, axes=[1])
     root = graph.apply("Sqrt", graph.apply("Add", square, one))
     part = graph.apply("Div", source, graph.apply("Mul", root, graph.apply("Add", root, one)))
 
     def less(vector: str) -> str:
-        along = graph.apply("ReduceSum", graph.apply("Mul", vector, source), axes, keepdims=1)
+        along = graph.apply("ReduceSum", graph.apply("Mul", vector, source), axes)
         return graph.apply("Sub", vector, graph.apply("Mul", part, along))
 
     return root, [less(vector) for vector in others]
@@ -130,12 +130,12 @@ def widening(graph: Graph, force: str, variance: str) -> str:
 def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: bool = False) -> tuple[str, str, str, str]:
     """Return precision, best force, residual and half the misfit of each cell; `own`: each cell has its own sample."""
     if own:
-        along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
+        along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1))
     else:
         along = graph.apply("MatMul", graph.apply("Transpose", sample, perm=[0, 2, 1]), shape)
-    precision = graph.apply("ReduceSumSquare", shape, axes=[1], keepdims=1)
+    precision = graph.apply("ReduceSumSquare", shape, axes=[1])
     precision = graph.apply("Add", precision, graph.constant(MIN_PRECISION / largest_n**2))
     force = graph.apply("Div", along, precision)
     force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * largest_n))
     residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
-    return precision, force, residual, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
+    return precision, force, residual, graph.apply("ReduceSumSquare", residual, axes=[1])

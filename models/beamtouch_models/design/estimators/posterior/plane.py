@@ -167,10 +167,10 @@ def _boxes(prior: Prior) -> int:
 def _state_odds(graph: Graph, found: Scored) -> None:
     """Add the log odds of contact, from the cells of the whole extent."""
     axes = graph.ints(1, 2)
-    least = graph.apply("ReduceMin", found.misfit, axes=[1, 2], keepdims=1)
+    least = graph.apply("ReduceMin", found.misfit, axes=[1, 2])
     exponent = graph.apply("Max", graph.apply("Sub", least, found.misfit), graph.constant(MIN_EXPONENT))
-    touched = graph.apply("Log", graph.apply("ReduceMean", graph.apply("Exp", exponent), axes=[1, 2], keepdims=1))
-    rest = graph.apply("ReduceSumSquare", found.sample, axes=[1, 2], keepdims=1)
+    touched = graph.apply("Log", graph.apply("ReduceMean", graph.apply("Exp", exponent), axes=[1, 2]))
+    rest = graph.apply("ReduceSumSquare", found.sample, axes=[1, 2])
     odds = graph.apply("Add", touched, graph.apply("Sub", rest, least))
     graph.apply("Squeeze", odds, axes, output=EVIDENCE_OUTPUTS[0])
 
@@ -215,7 +215,7 @@ def _weigh(graph: Graph, prior: Prior, found: Scored) -> _Weighed:
     unlikely = graph.apply("Add", averaged.misfit, half_log_volume)
     if found.widened is not None:
         unlikely = graph.apply("Add", unlikely, graph.apply("Log", found.widened))
-    least = graph.apply("ReduceMin", unlikely, axes=[1, 2], keepdims=1)
+    least = graph.apply("ReduceMin", unlikely, axes=[1, 2])
     exponent = graph.apply("Max", graph.apply("Sub", least, unlikely), graph.constant(MIN_EXPONENT))
     masses = masses_of(graph, prior, graph.apply("Sqrt", averaged.precision), averaged.force)
     likely = graph.apply("Div", graph.apply("Exp", exponent), graph.apply("Sqrt", found.precision))
@@ -238,22 +238,22 @@ def _changes_of(graph: Graph, found: Scored) -> _Changes:
     squares = graph.apply("ReduceSumSquare", changes, axes=[2], keepdims=0)
     squares = graph.apply("Max", graph.apply("Sub", squares, graph.apply("Mul", along, pulled)), graph.constant(0.0))
     both = graph.apply("ReduceProd", changes, axes=[1], keepdims=0)
-    common = graph.apply("Div", graph.apply("ReduceProd", along, axes=[1], keepdims=1), found.precision)
-    cross = graph.apply("Sub", graph.apply("ReduceSum", both, axis, keepdims=1), common)
+    common = graph.apply("Div", graph.apply("ReduceProd", along, axes=[1]), found.precision)
+    cross = graph.apply("Sub", graph.apply("ReduceSum", both, axis), common)
     return _Changes(squares, cross, product(found.residual), pulled)
 
 
 def _explained(graph: Graph, changes: _Changes, ridge: float) -> tuple[str, str]:
     """Return q' (ridge I + G)^-1 q of each cell, and the determinant of that matrix."""
     held = graph.apply("Add", changes.squares, graph.constant(ridge))
-    volume = graph.apply("ReduceProd", held, axes=[1], keepdims=1)
+    volume = graph.apply("ReduceProd", held, axes=[1])
     volume = graph.apply("Sub", volume, graph.apply("Mul", changes.cross, changes.cross))
     volume = graph.apply("Max", volume, graph.constant(ridge**2))
     # Each square with the diagonal of the other axis.
     other = graph.apply("Gather", held, graph.ints(1, 0), axis=1)
     own = graph.apply("Mul", graph.apply("Mul", changes.left, changes.left), other)
-    own = graph.apply("ReduceSum", own, graph.ints(1), keepdims=1)
-    both = graph.apply("Mul", graph.apply("ReduceProd", changes.left, axes=[1], keepdims=1), changes.cross)
+    own = graph.apply("ReduceSum", own, graph.ints(1))
+    both = graph.apply("Mul", graph.apply("ReduceProd", changes.left, axes=[1]), changes.cross)
     saved = graph.apply("Sub", own, graph.apply("Add", both, both))
     return graph.apply("Div", saved, volume), volume
 
@@ -262,7 +262,7 @@ def _averaged(graph: Graph, found: Scored, changes: _Changes) -> tuple[Scored, s
     """Return the misfit R' and the precision a' of places anywhere in each cell, and half the logarithm of |I + G|."""
     explained, volume = _explained(graph, changes, 1.0)
     misfit = graph.apply("Max", graph.apply("Sub", found.misfit, explained), graph.constant(0.0))
-    pulled = graph.apply("ReduceSumSquare", changes.pulled, axes=[1], keepdims=1)
+    pulled = graph.apply("ReduceSumSquare", changes.pulled, axes=[1])
     variance = graph.apply("Add", graph.apply("Reciprocal", found.precision), pulled)
     half_log = graph.apply("Mul", graph.apply("Log", volume), graph.constant(0.5))
     return replace(found, misfit=misfit, precision=graph.apply("Reciprocal", variance)), half_log
@@ -282,7 +282,7 @@ def _steps(graph: Graph, shape: str) -> str:
 
 def _next_box(graph: Graph, posterior: str, box: _Box) -> _Box:
     """Return the box of the likely cells."""
-    most = graph.apply("ReduceMax", posterior, axes=[2], keepdims=1)
+    most = graph.apply("ReduceMax", posterior, axes=[2])
     share = graph.apply("ReduceMax", graph.apply("Div", posterior, most), axes=[1], keepdims=0)
     share = graph.apply("Reshape", share, graph.ints(-1, 1, PARTS, PARTS))
     along = [graph.apply("ReduceMax", share, axes=[axis], keepdims=0) for axis in (3, 2)]
@@ -344,7 +344,7 @@ def _state_correlation(graph: Graph, cells: str, marginals: str, rows: int) -> N
     """
     row, number = min(rows - 1, 1), graph.constant(np.arange(PARTS))
     mass = graph.apply("Gather", marginals, graph.ints(row, rows + row), axis=1)
-    mean = graph.apply("ReduceSum", graph.apply("Mul", mass, number), graph.ints(2), keepdims=1)
+    mean = graph.apply("ReduceSum", graph.apply("Mul", mass, number), graph.ints(2))
     away = graph.apply("Sub", number, mean)
     square = graph.apply("Mul", mass, graph.apply("Mul", away, away))
     variances = graph.apply("ReduceSum", square, graph.ints(2), keepdims=0)

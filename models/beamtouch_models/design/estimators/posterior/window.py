@@ -127,10 +127,10 @@ def windowed_graph(prior: Prior, table: Table, first: FirstStage, *, with_force:
     low, high = prior.extent.range_mm
     share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
     share = graph.apply("Max", share, graph.constant(MIN_MASS))
-    least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2], keepdims=1)
+    least = graph.apply("ReduceMin", fit.misfit, axes=[1, 2])
     lowest = least
     if not prior.force_range.is_open:
-        lowest = graph.apply("ReduceMin", likely_misfit(graph, prior.force_range, fit), axes=[1, 2], keepdims=1)
+        lowest = graph.apply("ReduceMin", likely_misfit(graph, prior.force_range, fit), axes=[1, 2])
     misfit = graph.apply("Mul", lowest, graph.constant(2.0))
     graph.apply("Squeeze", misfit, graph.ints(1, 2), output="misfit")
     outputs = state_answers(graph, prior, fit, least, Grid(width, share, low, fine=True), with_force=with_force)
@@ -213,7 +213,7 @@ def _step(graph: Graph, prior: Prior, seen: Whitened, node: str, rows: Rows, is_
     sample = seen.sample
 
     def along(first: str, second: str) -> str:
-        return graph.apply("ReduceSum", graph.apply("Mul", first, second), axes, keepdims=1)
+        return graph.apply("ReduceSum", graph.apply("Mul", first, second), axes)
 
     def best_force() -> tuple[str, str]:
         size = graph.apply("Add", along(shape, shape), graph.constant(TINY))
