@@ -35,9 +35,9 @@ def offered(other_mm: float, failed_mm: list[float], *, with_other: bool = True)
 
 
 def test_a_layout_that_errs_clearly_less_while_all_work_is_offered_with_its_price() -> None:
-    assert offered(1.5, [2.2, 3.1, 2.9]) == (
-        "80, 120.5 mm would err 25 % less, 1.5 mm, while all sensors work, "
-        "and 5.68 mm instead of 3.1 mm with the worst one failed: --failed-percent 0"
+    assert offered(1.51234, [2.2, 3.14159, 2.9]) == (
+        "80, 120.5 mm would err 24 % less, 1.51 mm, while all sensors work, "
+        "and 5.68 mm instead of 3.14 mm with the worst one failed: --failed-percent 0"
     )
     assert offered(1.95, [2.2]) == ""
     assert offered(1.93, [2.2]) != ""

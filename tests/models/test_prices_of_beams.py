@@ -166,12 +166,12 @@ def test_gains_zeros_and_their_drift_are_priced_as_stated_or_assumed() -> None:
         ("floor", "2 um since the last tare (assumed)"),
         ("floor", f"zeros drift by 10 um a minute together (assumed), {end}"),
     ]
-    errors = {"gain_error_percent": 1.5, "zero_drift_mm": 0.03}
+    errors = {"gain_error_percent": 1.51234, "zero_drift_mm": 0.03}
     parts = {"sensors": errors, "environment": {"drift_um_per_min": 40.0}}
     stated = [priced(name, parts) for name in ("gain error", "zero drift", "drift in a minute")]
-    assert [effect.price for effect in stated] == pytest.approx([0.015 * MIDDLE_MM / NOISE_MM, 3.0, 2.0])
+    assert [effect.price for effect in stated] == pytest.approx([0.0151234 * MIDDLE_MM / NOISE_MM, 3.0, 2.0])
     assert [told(effect) for effect in stated] == [
-        ("floor", "calibration leaves an error of 1.5 % of the deflection"),
+        ("floor", "calibration leaves an error of 1.51 % of the deflection"),
         ("floor", "30 um since the last tare"),
         ("floor", f"zeros drift by 40 um a minute together, {end}"),
     ]

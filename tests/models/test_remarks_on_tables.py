@@ -38,31 +38,31 @@ def told(
 
 @pytest.mark.parametrize(
     ("force_n", "contact_n", "is_told"),
-    [(39.0, (2.0, 8.0), False), (41.0, (2.0, 8.0), True), (2.1, (10.0, 20.0), False), (1.9, (10.0, 20.0), True)],
+    [(39.0, (2.0, 8.0), False), (41.2345, (2.0, 8.0), True), (2.1, (10.0, 20.0), False), (1.98765, (10.0, 20.0), True)],
 )
 def test_forces_five_times_those_of_contacts_or_a_fifth_are_in_another_unit(
     force_n: float, contact_n: tuple[float, float], *, is_told: bool
 ) -> None:
     said = (
-        f"the loads of the table have {force_n:g} to {force_n:g} N, but contact.force_n is {contact_n[0]:g} to "
+        f"the loads of the table have {force_n:.3g} to {force_n:.3g} N, but contact.force_n is {contact_n[0]:g} to "
         f"{contact_n[1]:g} N; if the loads are in g, 100 g weigh 0.981 N; if they are in kg, 1 kg weighs 9.81 N"
     )
     assert told(force_n=force_n, contact_n=contact_n) == [said] * is_told
 
 
-@pytest.mark.parametrize(("most_mm", "is_told"), [(49.5, False), (50.5, True)])
+@pytest.mark.parametrize(("most_mm", "is_told"), [(49.5, False), (50.5432, True)])
 def test_a_bend_of_a_tenth_of_the_length_is_in_another_unit(most_mm: float, *, is_told: bool) -> None:
     said = (
-        f"by its table, the structure bends by {most_mm:g} mm over 500 mm; if the table is in um, divide its "
+        f"by its table, the structure bends by {most_mm:.3g} mm over 500 mm; if the table is in um, divide its "
         "deflections by 1000"
     )
     assert told(most_mm=most_mm) == [said] * is_told
 
 
-@pytest.mark.parametrize(("most_mm", "is_told"), [(0.0051, False), (0.0049, True)])
+@pytest.mark.parametrize(("most_mm", "is_told"), [(0.0051, False), (0.00491234, True)])
 def test_a_bend_of_less_than_five_micrometres_is_in_another_unit(most_mm: float, *, is_told: bool) -> None:
     said = (
-        f"by its table, the structure bends by {1e3 * most_mm:g} um only; if the table is in m, multiply its "
+        f"by its table, the structure bends by {1e3 * most_mm:.3g} um only; if the table is in m, multiply its "
         "deflections by 1000; if it is in another unit, name it, as s1_deflection_uV/V"
     )
     assert told(most_mm=most_mm) == [said] * is_told

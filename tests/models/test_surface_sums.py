@@ -56,6 +56,8 @@ def test_a_gap_is_centred_so_that_fall_and_lift_end_as_far_from_the_range(
             None,
             "travels 6 mm .* end contact.force_n at 10 N, make the beam 2 times as stiff, or use a sensor",
         ),
+        (4.123456, 2.0, None, r"travels 6\.123 mm and leaves"),
+        (2.0, 0.51234, 2.9, r"write standoff_mm = 3\.244, or leave it out"),
         (2.0, 0.5, 3.0, ""),
         (2.0, 0.5, 3.5, ""),
         (
@@ -149,6 +151,8 @@ def test_neighbours_are_farther_apart_than_their_tolerance() -> None:
     surface = resolve(paper_scene(mounting_tolerance_mm=5.0))
     surface.check_spacing(np.array([[100.0], [105.1], [300.0]]))
     surface.check_spacing(np.array([[100.0, 50.0], [103.0, 54.1]]))
+    with pytest.raises(SceneError, match=r"two of the sensors are 4\.57 mm apart; measure"):
+        surface.check_spacing(np.array([[100.0], [104.56789], [300.0]]))
     for places_mm in ([[300.0, 0.0], [100.0, 0.0], [105.0, 0.0]], [[100.0, 50.0], [103.0, 54.0]]):
         with pytest.raises(
             SceneError, match=r"sensors.mounting_tolerance_mm = 5: two of the sensors are 5 mm apart; meas"
