@@ -1,6 +1,7 @@
 """From counts to deflection, and where each quality begins."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -192,4 +193,5 @@ def test_another_rest_gap_or_gain_is_another_identity_and_a_tare_overrides_the_r
     same, tared = of_surface(surface_of()), of_surface(surface_of(), {"s2": 2.6})
     assert tared.rest_gap.tolist() == [2.5, 2.6]
     assert same.identity == of_surface(surface_of()).identity
+    assert re.fullmatch("[0-9a-f]{12}", same.identity)
     assert len({same.identity, tared.identity, replace(same, slopes=2 * same.slopes).identity}) == 3

@@ -1,7 +1,7 @@
 """Session after session with a device that fails: how often it is looked at, what is said, and when it hangs."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from time import monotonic
 
 import pytest
@@ -147,3 +147,48 @@ async def test_a_device_that_brings_neither_a_reading_nor_an_error_hangs(
     line = Bench(surface_of(**changes)).line
     line.last_progress_s = 1000.0
     assert [line.hangs(1000.0 + patience_s + beyond_s) for beyond_s in (-0.001, 0.001)] == [False, True]
+
+
+async def pauses_of(
+    work: Callable[[], Coroutine[None, None, None]], number: int, monkeypatch: pytest.MonkeyPatch
+) -> list[float]:
+    """Return the first pauses that are made."""
+    pauses = list[float]()
+
+    async def sleep(pause_s: float) -> None:
+        pauses.append(pause_s)
+        if len(pauses) == number:
+            raise asyncio.CancelledError
+
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    with pytest.raises(asyncio.CancelledError):
+        await work()
+    return pauses
+
+
+async def giving(_number: int) -> AsyncGenerator[list[Reading], None]:
+    while True:
+        yield [reading(50.0)]
+
+
+async def test_after_a_failure_the_next_session_waits_half_a_second_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def session(_number: int) -> AsyncGenerator[list[Reading], None]:
+        raise SourceError("it is gone")
+        yield []
+
+    bench, _ = bench_of(session)
+    assert await pauses_of(bench.line.read, 5, monkeypatch) == [0.1, 0.2, 0.4, 0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("batch_s", "look_s", "make_s"), [(0.002, 0.002, 0.0), (0.02, 0.005, 0.015)], ids=["each batch", "each 5 ms"]
+)
+async def test_a_device_that_sends_by_itself_is_looked_at_in_the_time_in_which_a_batch_collects(
+    monkeypatch: pytest.MonkeyPatch, batch_s: float, look_s: float, make_s: float
+) -> None:
+    bench, _ = bench_of(giving, batch_s, **BOARD)
+    assert await pauses_of(bench.line.read, 3, monkeypatch) == [look_s] * 3
+    assert await pauses_of(bench.line.run, 1, monkeypatch) == [pytest.approx(make_s)]
+    polled, _ = bench_of(giving, batch_s)
+    polled.take(reading(50.0))
+    assert await pauses_of(polled.line.run, 1, monkeypatch) == [batch_s]
