@@ -47,7 +47,9 @@ async def test_at_most_64_readings_wait_to_become_samples() -> None:
     assert len(bench.samples()) == 64
 
 
-@pytest.mark.parametrize(("gap_s", "lost"), [(1 / RATE_HZ, 0), (1.4 / RATE_HZ, 0), (1.6 / RATE_HZ, 1), (2.0, 399)])
+@pytest.mark.parametrize(
+    ("gap_s", "lost"), [(0.4 / RATE_HZ, 0), (1 / RATE_HZ, 0), (1.4 / RATE_HZ, 0), (1.6 / RATE_HZ, 1), (2.0, 399)]
+)
 async def test_readings_between_two_sessions_are_lost_by_the_clock(gap_s: float, lost: int) -> None:
     bench = Bench()
     bench.take(reading(50.0, lost=7))  # before the first reading, nothing was due

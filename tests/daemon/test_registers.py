@@ -11,7 +11,7 @@ from pymodbus.client.mixin import ModbusClientMixin
 
 from beamtouch_daemon.config.modules import module_of, names
 from beamtouch_daemon.config.value_types import ByteOrder, ValueType, ends_of, words_of
-from beamtouch_daemon.sources.registers import Block, Value, blocks_of
+from beamtouch_daemon.sources.registers import Block, RegisterAnswer, Value, answer_to, blocks_of
 
 WORD_ORDERS: tuple[tuple[ByteOrder, Literal["big", "little"]], ...] = (("ABCD", "big"), ("CDAB", "little"))
 """Orders of bytes that pymodbus has, and its names for them."""
@@ -106,3 +106,38 @@ def test_every_module_is_whole() -> None:
         assert module.register_of(module.inputs - 1) + words_of(module.type) - 1 <= 65_535
     with pytest.raises(ValueError, match="there is no module nonesuch; choose one of adam-6017, "):
         module_of("nonesuch")
+
+
+TWO = Block(30, 2)
+
+
+@pytest.mark.parametrize(
+    ("block", "data", "answer"),
+    [
+        (TWO, b"\4\4\0\7\1\x08", RegisterAnswer([7, 264])),
+        (Block(30, 2, 3), b"\3\4\0\7\1\x08", RegisterAnswer([7, 264])),
+        (TWO, b"\3\4\0\7\1\x08", None),  # of another function
+        (TWO, b"\4\2\0\7", None),  # of fewer registers
+        (TWO, b"\4\6\0\7\0\7\0\7", None),
+        (TWO, b"\x84\2", RegisterAnswer(exception=2)),
+        (TWO, b"\x83\2", None),
+        (TWO, b"\x55\1", None),  # Modbus has no such function
+        (Block(30, 8, 1), b"\1\1\xff", RegisterAnswer()),  # contents of coils are left out
+        (Block(30, 8, 2), b"\x82\x0b", RegisterAnswer(exception=11)),
+    ],
+)
+def test_an_answer_is_that_to_a_request_by_its_function_and_its_length(
+    block: Block, data: bytes, answer: RegisterAnswer | None
+) -> None:
+    assert answer_to(block, data, 50.0) == (None if answer is None else answer._replace(asked_s=50.0))
+
+
+def test_a_request_has_its_function_its_first_register_and_their_number() -> None:
+    assert Block(0x0102, 0x0304, 3).request == b"\3\1\2\3\4"
+    assert Block(7, 1).request == b"\4\0\7\0\1"
+
+
+def test_refusals_of_function_address_and_number_last_and_others_may_pass() -> None:
+    passing = [code for code in range(13) if RegisterAnswer(exception=code).may_pass]
+    assert passing == [4, 5, 6, 7, 8, 9, 10, 11, 12]
+    assert not RegisterAnswer((7,)).may_pass

@@ -130,6 +130,8 @@ def blocks_of(
 ) -> tuple[Block, ...]:
     """Return the smallest number of blocks with all values. No value is split, so its halves are of one instant.
 
+    Values do not overlap.
+
     Parameters
     ----------
     values : The values to read.
@@ -142,7 +144,7 @@ def blocks_of(
         last = blocks[-1] if blocks else None
         # The longest possible blocks give the smallest number of them.
         if last and begin - (last.first + last.count) <= bridge and end - last.first <= max_registers:
-            blocks[-1] = Block(last.first, max(last.count, end - last.first), function)
+            blocks[-1] = Block(last.first, end - last.first, function)
         else:
             blocks.append(Block(begin, end - begin, function))
     return tuple(blocks)
