@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing import pipeline
 from beamtouch_daemon.processing.filters import steps_mm
 from beamtouch_daemon.processing.pipeline import Pipeline, TimedSample
 from beamtouch_daemon.sources.reading import Reading
@@ -35,6 +36,12 @@ def deflections(taken: list[TimedSample]) -> list[float | None]:
 
 def qualities(taken: list[TimedSample]) -> list[Quality]:
     return [one.sample.quality[0] for one in taken]
+
+
+def test_a_number_that_is_larger_than_any_value_is_none_as_devices_send_it() -> None:
+    rows = [Reading(5.0, (1e12, -1e12, 7)), Reading(5.1, (1.000001e12, -math.inf, None))]
+    first, second = pipeline.counts_of(rows).tolist()
+    assert (first, [math.isnan(count) for count in second]) == ([1e12, -1e12, 7.0], [True] * 3)
 
 
 def test_every_reading_becomes_one_sample_numbered_from_one_with_its_own_time() -> None:
