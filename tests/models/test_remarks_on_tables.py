@@ -5,20 +5,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beamtouch_models import make_scene
-from beamtouch_models.design.building.remarks import remarks
+from beamtouch_models import Scene, make_scene
+from beamtouch_models.design.building.remarks import remarks, weak_spot
+from support.surfaces.small_model import model_of
 
 PLACES = np.arange(20.0, 500.0, 55.0)
 
 
-def told(
+def scene_of(
     *,
     force_n: float = 4.0,
     most_mm: float = 1.0,
     contact_n: tuple[float, float] = (2.0, 8.0),
     **measured: Any,  # noqa: ANN401
-) -> list[str]:
-    """Remarks on loads of a force, under which two sensors show up to `most_mm` under the strongest contact."""
+) -> Scene:
+    """A scene of loads of a force, under which two sensors show up to `most_mm` under the strongest contact."""
     scale = most_mm * force_n / contact_n[1]
     largest = np.sin(PLACES / 150).max()
     rows = [
@@ -27,13 +28,15 @@ def told(
     ]
     loads = "\n".join(["position_mm,force_n,a_deflection_mm,b_deflection_mm", *rows])
     stated = {"influence": loads, "length_mm": 500} | (measured or {"sensors_mm": {"a": 240.0, "b": 100.0}})
-    return remarks(
-        make_scene(
-            measured=stated,
-            contact={"force_n": list(contact_n), "position_mm": [30, 450]},
-            sensors={"noise_mm": 1e-7, "range_mm": [1, 900]},
-        )
+    return make_scene(
+        measured=stated,
+        contact={"force_n": list(contact_n), "position_mm": [30, 450]},
+        sensors={"noise_mm": 1e-7, "range_mm": [1, 900]},
     )
+
+
+def told(**loads: Any) -> list[str]:  # noqa: ANN401
+    return remarks(scene_of(**loads))
 
 
 @pytest.mark.parametrize(
@@ -75,3 +78,12 @@ def test_places_that_are_guessed_are_told() -> None:
     places = ", ".join(f"{name} {place:g}" for name, place in sorted(shown.items(), key=lambda each: each[1]))
     assert said.startswith("the table does not say where sensors stand, so each is drawn where it shows most: ")
     assert set(said.removesuffix(" mm").split("most: ")[1].split(" mm;")[0].split(", ")) == set(places.split(", "))
+
+
+def test_a_further_sensor_is_one_of_the_table_or_is_to_be_measured() -> None:
+    """Of two that were measured; where all of them take part, they cannot be placed otherwise."""
+    one, two = (weak_spot(model_of(channels=n, min_channels=n).metadata, scene_of()) for n in (1, 2))
+    assert one == "one failed sensor ends this surface: it has no other; use more of the sensors that were measured"
+    assert two == (
+        "one failed sensor ends this surface: all 2 channels must work; measure a further sensor under all loads"
+    )
