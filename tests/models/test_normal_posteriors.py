@@ -9,7 +9,7 @@ import pytest
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.accuracy.prior import Prior
 from beamtouch_models.design.estimators.onnx_graph import to_bytes
-from beamtouch_models.design.estimators.posterior.cells import resolving_cells
+from beamtouch_models.design.estimators.posterior.cells import cells_of, resolving_cells
 from beamtouch_models.design.estimators.posterior.plane import plane_graph, table_of
 from beamtouch_models.design.estimators.posterior.window import posterior_graph
 from beamtouch_models.design.estimators.posterior.window import table_of as path_of
@@ -251,3 +251,31 @@ def test_a_place_that_hardly_moves_the_sensors_parts_a_path_in_two(least: float,
         assert np.interp(table.stretches[1], np.arange(table.steps + 1), table.position_mm) == pytest.approx(
             200, abs=0.2
         )
+
+
+@pytest.mark.parametrize(
+    ("force_n", "share"),
+    # In a metric of the change of a sample, 1 and 3, and of the place, as the mean change or half of it.
+    [((2.0, FORCE_N), 5**0.5 / (5**0.5 + 13**0.5)), ((FORCE_N, FORCE_N), 2**0.5 / (2**0.5 + 10**0.5))],
+)
+def test_cells_are_narrow_where_samples_change_much(force_n: tuple[float, float], share: float) -> None:
+    def turning(at_mm: Floats) -> Floats:
+        along = (at_mm[:, 0] - 40) / 500
+        angle = along + 2 * np.maximum(along - 0.5, 0.0)
+        return 20 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    prior = Prior(Extent.of_beam((40.0, 540.0)), 640.0, force_n, Errors(1.0), 2, turning)
+    cells = cells_of(prior, 200)
+    assert cells.edges_mm[[0, -1]] == pytest.approx([40.0, 540.0])
+    assert np.searchsorted(cells.edges_mm, 290.0) == pytest.approx(200 * share, abs=1.5)
+    assert len(cells.influence) == 200
+    halfway = (cells.edges_mm[1:] + cells.edges_mm[:-1]) / 2
+    assert cells.influence == pytest.approx(prior.influence_at(halfway[:, None]), abs=0.01)
+
+
+def test_cells_of_an_open_force_are_even_in_the_logarithm_of_a_size_that_alone_changes() -> None:
+    def growing(at_mm: Floats) -> Floats:
+        return np.asarray((1 + 3 * (at_mm - 40) / 500) * [0.6, 0.8])
+
+    prior = Prior(Extent.of_beam((40.0, 540.0)), 640.0, (2.0, FORCE_N), Errors(1.0), 2, growing)
+    assert cells_of(prior, 2).edges_mm == pytest.approx([40.0, 40 + 500 / 3, 540.0], abs=0.5)
