@@ -2,8 +2,10 @@
 
 import asyncio
 import errno
+import os
 import socket
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -110,11 +112,20 @@ def test_a_name_that_comes_to_stand_for_an_address_of_others_is_not_listened_on(
     assert reasons == ["0.0.0.0 is open", ""]
 
 
+def held() -> int:
+    """Return how many descriptors of this process are held in reserve."""
+    # The list itself takes a descriptor, which is gone when the list is read.
+    links = (Path(os.path.realpath(one)) for one in Path("/proc/self/fd").iterdir())
+    return sum(link == Path(os.devnull) for link in links)
+
+
 def test_connections_that_find_no_descriptor_are_closed_and_counted(caplog: pytest.LogCaptureFixture) -> None:
     assert MAX_REJECTED_AT_ONCE == 1024
 
     async def reject() -> list[bytes]:
+        before = held()
         reject_when_out_of_descriptors()
+        assert held() == before + 2
         loop = asyncio.get_running_loop()
         with socket.create_server(("127.0.0.1", 0)) as listener:
             listener.setblocking(False)
@@ -123,6 +134,7 @@ def test_connections_that_find_no_descriptor_are_closed_and_counted(caplog: pyte
             for error in (OSError(errno.EMFILE, "full"), OSError(errno.EPERM, "other"), ValueError("other")):
                 loop.call_exception_handler({"message": "accept", "exception": error, "socket": server.sockets[0]})
             found = [one.recv(1) for one in waiting]
+            assert held() == before + 2, "for the next ones"
             for one in waiting:
                 one.close()
             server.close()

@@ -22,7 +22,7 @@ def run(broker: SmallBroker, play: Callable[[Connection], Awaitable[None]], pass
         keys = {"host": "127.0.0.1", "port": broker.port, "prefix": "hall", "client_id": "one"}
         one = Connection(MqttSection.model_validate(keys | ({"username": "u"} if password else {})), password, None)
         try:
-            async with asyncio.timeout(60):
+            async with asyncio.timeout(30):
                 await one.open()
                 await play(one)
         finally:

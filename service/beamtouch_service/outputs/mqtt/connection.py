@@ -64,12 +64,7 @@ class Connection:
         self._connect = partial(self._client.connect, section.host, section.broker_port, KEEPALIVE_S, clean_start=True)
 
     def _make_client(self, section: MqttSection, password: str | None, tls: ssl.SSLContext | None) -> paho.Client:
-        client = paho.Client(
-            CallbackAPIVersion.VERSION2,
-            client_id=self.owner,
-            protocol=paho.MQTTv5,
-            reconnect_on_failure=False,
-        )
+        client = paho.Client(CallbackAPIVersion.VERSION2, client_id=self.owner, protocol=paho.MQTTv5)
         client.connect_timeout = ANSWER_S
         client.max_inflight_messages_set(WINDOW)
         status, will = Topics(section.prefix).status, kept_properties(TEXT, self.owner, will=True)
