@@ -295,3 +295,13 @@ def test_a_press_is_explained_up_to_a_mean_square_of_two_deviations() -> None:
         assert explanation.is_explained == (squares[-1] <= 4.0), (beside_mm, squares[-1])
     assert max(one for one in squares if one <= 4.0) > 3.5
     assert min(one for one in squares if one > 4.0) < 4.5
+
+
+@pytest.mark.parametrize(("deviations", "is_seen"), [(2.9, False), (3.1, True)])
+def test_nothing_is_said_of_a_channel_that_should_move_by_less_than_three_deviations(
+    deviations: float, is_seen: bool
+) -> None:
+    moved = 9 * deflections(np.array([AT_MM[1]]))[0]
+    noise_mm = np.array([NOISE_MM, NOISE_MM, NOISE_MM, moved[3] / deviations])
+    shares = explain([Press(np.array([AT_MM[1]]), moved, noise_mm)], deflections).shares
+    assert list(np.isfinite(shares)) == [True, True, True, is_seen]
