@@ -88,6 +88,14 @@ def test_figures_differ_by_their_means_over_the_contacts_of_both() -> None:
     )
 
 
+def test_a_difference_of_less_than_a_millimetre_is_the_largest_of_a_single_contact() -> None:
+    model, candidate = Seen(CONTACT, (100.0, 99.0, 102.0)), Seen(CONTACT, (100.25, 99.5, 101.0))
+    position = compare((model, candidate, 1)).figures["position_mm"]
+    assert (position.mean, position.mean_size, position.largest) == (0.25, 0.25, 0.25)
+    assert (position.model_width, position.candidate_width) == (3.0, 1.5)
+    assert (position.model_outside, position.candidate_outside) == (0, 0)
+
+
 def test_the_end_of_an_interval_is_in_it() -> None:
     model, candidate = Seen(CONTACT, (100.0, 99.0, 102.0)), Seen(CONTACT, (102.0, 100.0, 104.0))
     for one, other in ((model, candidate), (candidate, model)):
