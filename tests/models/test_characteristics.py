@@ -57,6 +57,17 @@ def test_a_power_law_comes_back_from_deflections_that_a_theory_knows() -> None:
     assert fit.straighten(shown) == pytest.approx(STRAIGHT_MM, rel=0.01)
 
 
+def test_what_loads_within_the_noise_show_counts_less_than_what_is_seen_well() -> None:
+    """Seven loads show 0.02 mm too much, which is their noise: that changes what the others tell by a tenth."""
+    light = STRAIGHT_MM < 0.11
+    shown = power_law(STRAIGHT_MM) + 0.02 * light
+    for fit in (
+        Characteristic.fit("a", PLACE_MM[:, None], FORCE_N, shown, 0.02),
+        Characteristic.fit_to_known(STRAIGHT_MM, shown, 0.02),
+    ):
+        assert fit.straighten(shown[~light]) == pytest.approx(STRAIGHT_MM[~light], rel=0.12)
+
+
 def test_a_characteristic_rises_also_where_loads_say_that_it_falls() -> None:
     shown = np.array([0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
     falling = shown * [1, 1, 1, 1, 1, 0.5, 0.3, 0.5, 1, 1, 1]

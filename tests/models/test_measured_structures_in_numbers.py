@@ -196,6 +196,25 @@ def test_what_departs_on_a_measured_structure_is_its_scale_only(structure: Measu
         changed(made(BEAM).solid, none.model_copy(update={"spring_stiffness": [1.0]}))
 
 
+def test_contacts_go_no_farther_than_a_theory() -> None:
+    at_mm = np.array([30.0, 110, 240, 450])
+    rows = np.column_stack([at_mm, np.full(4, 4.0), 4 * shown(at_mm)]).tolist()
+    head = ",".join(["position_mm", "force_n", *(f"{name}_deflection_mm" for name in SENSORS_MM)])
+    theory_mm = np.linspace(25, 460, 30)
+    by_theory = np.column_stack([theory_mm, shown(theory_mm)]).tolist()
+    theory = ",".join(["position_mm", *(f"{name}_mm_per_n" for name in SENSORS_MM)])
+    influence, theory = (
+        "\n".join([first, *(",".join(f"{number:.9g}" for number in row) for row in table)])
+        for first, table in ((head, rows), (theory, by_theory))
+    )
+    with pytest.raises(SceneError) as refused:
+        measured_structure_of(scene_of(influence=influence, theory=theory))
+    assert str(refused.value) == (
+        "contact.position_mm goes from 20 to 470 mm, but measured.theory from 25 to 460 mm; compute it over the whole "
+        "range"
+    )
+
+
 def test_structures_say_their_size_and_whether_all_of_them_yields_alike(structure: MeasuredStructure) -> None:
     assert size_of(structure) == (500,)
     assert size_of(made(BEAM).solid) == (400,)

@@ -64,6 +64,14 @@ def test_a_plate_that_is_warmer_above_bows_as_a_cap() -> None:
     )
 
 
+def test_edges_hold_a_plate_that_is_warmer_above() -> None:
+    held = steel(expansion_um_per_m_k=12.0, supports="edges")
+    *edges, middle = heated(held, np.array([[200.0, 0.0], [0.0, 150.0], [400.0, 111.0], [200.0, 150.0]])).tolist()
+    assert edges == pytest.approx([0, 0, 0], abs=1e-9)
+    free = heated(steel(expansion_um_per_m_k=12.0), np.array([[200.0, 150.0]]))[0]
+    assert free < middle < 0.1 * free
+
+
 def test_lateral_contraction_stiffens_a_plate_as_kirchhoff_says() -> None:
     assert steel(poisson_ratio=0.2).rigidity_n_mm == pytest.approx(210e3 * 27 / 12 / 0.96)
     assert steel().rigidity_n_mm == pytest.approx(210e3 * 27 / 12 / 0.91)

@@ -31,7 +31,7 @@ def test_kernels_are_those_of_matern(kernel: int, apart: float) -> None:
 def repeated_values() -> tuple[Measured, Floats]:
     """Return values of two columns on two axes, some of them at one place, and their full covariance."""
     rng = np.random.default_rng(5)
-    place = rng.uniform(size=(5, 2))[[0, 1, 1, 2, 3, 4, 4, 4]]
+    place = rng.uniform(size=(5, 2))[[0, 1, 1, 2, 3, 4, 4, 4, 0, 2, 3]]
     weight = rng.uniform(1, 4, len(place))
     (measured,) = measured_together(place, rng.normal(size=(len(place), 2)), weight)
     noise = SMOOTHNESS.scatter**2 * (1 + SMOOTHNESS.additive * weight) / (1 + SMOOTHNESS.additive)
@@ -50,9 +50,9 @@ def test_values_at_one_place_are_as_probable_as_all_of_them_apart() -> None:
         wanted = float(special.logsumexp(at_amplitude)) + math.log(logs[1] - logs[0]) - constant
         assert math.isclose(measured.process(SMOOTHNESS).log_probability, wanted, rel_tol=1e-9)
         alone += wanted
-    # Of two columns, three values that are not correlated count beside the eight.
+    # Of two columns, three values that are not correlated count beside the eleven.
     first, second = np.linalg.solve(np.linalg.cholesky(covariance), both.values).T
-    correlation = first @ second / math.sqrt(first @ first * (second @ second)) * 8 / (8 + 3)
+    correlation = first @ second / math.sqrt(first @ first * (second @ second)) * 11 / (11 + 3)
     wanted = alone - count / 2 * math.log(1 - correlation**2)
     assert math.isclose(both.process(SMOOTHNESS).log_probability, wanted, rel_tol=1e-9)
     assert math.isclose(both.process(SMOOTHNESS).correlation[0, 1], correlation, rel_tol=1e-9)
