@@ -1,6 +1,7 @@
-"""`record` and `noise` from their readings to what they print, in the process of the test."""
+"""`record`, `noise` and `scan` from what comes to what they print, in the process of the test."""
 
 import json
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -101,3 +102,26 @@ def test_a_surface_that_was_not_measured_is_told(run_on: Run) -> None:
         "beamtouch-daemon: bench: not measured: it is gone",
     ]
     assert run_on("noise", Gone()).stdout == ""
+
+
+def test_of_several_surfaces_one_is_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = configs.write(tmp_path, configs.surface("bench"), configs.surface("press"))
+    outcome = command_of(main, capsys)("record", config, "-o", tmp_path / "x.csv")
+    said = "beamtouch-daemon: --surface: choose one of bench, press\n"
+    assert (outcome.returncode, outcome.stderr) == (2, said)
+
+
+def test_a_scan_that_finds_nothing_fails_with_what_to_check(capsys: pytest.CaptureFixture[str]) -> None:
+    run = command_of(main, capsys)
+    closed = run("scan", "/dev/null")
+    said = "beamtouch-daemon: /dev/null cannot be opened (Inappropriate ioctl for device); correct the path\n"
+    assert (closed.returncode, closed.stdout, closed.stderr) == (1, "", said)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        options = ("scan", target, "--units", "1", "--timeout-ms", "10")
+        plain, as_json = run(*options), run(*options, "--json")
+    assert (plain.returncode, plain.stdout) == (1, "")
+    assert plain.stderr.splitlines()[-1].startswith(
+        f"beamtouch-daemon: nothing answers: {target} accepts connections; "
+    )
+    assert (as_json.returncode, json.loads(as_json.stdout)) == (1, {"target": target, "units": [], "board": None})

@@ -80,7 +80,8 @@ async def test_at_the_end_what_the_service_does_not_take_is_in_the_log_file(tmp_
         assert (logs.on_disk, logs.in_memory) == (5, 0)
 
 
-async def test_at_the_end_what_is_left_is_delivered() -> None:
+async def test_at_the_end_what_is_left_is_delivered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(daemon, "FINISH_S", 60.0)
     async with serving(Service(record=Record())) as service, ServiceClient(service.url, TOKEN) as client:
         store = LogStore(None, 0)
         logs = store.surface("bench")
