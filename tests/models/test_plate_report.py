@@ -28,8 +28,15 @@ def gathered() -> Facts:
     kept_out = [{"x_mm": [150.0, 250.0], "y_mm": [100.0, 200.0]}]
     scene = change_scene(read_scene(SCENES / "plate-on-springs.toml"), sensors=few | {"keep_out": kept_out})
     layout = resolve(scene).layout(PLACES)
-    built = build_model(replace(layout, aim=replace(layout.aim, effort=Effort(0.01))), "table")
-    return gather(built, lambda _doing, _done: None)
+    told: list[tuple[str, float]] = []
+    rough = replace(layout, aim=replace(layout.aim, effort=Effort(0.01)))
+    built = build_model(rough, "table", progress=lambda *step: told.append(step))
+    facts = gather(built, lambda *step: told.append(step))
+    done = [part for _, part in told]
+    assert done == sorted(done)
+    assert done[0] >= 0.3
+    assert told[-2:] == [("measuring the accuracy against the limit", 0.8), ("measuring for the report", 0.97)]
+    return facts
 
 
 def assert_drawn_to_one_scale(text: str) -> None:
