@@ -40,7 +40,7 @@ from beamtouch_protocol.framing import MAX_FRAME_BYTES
 from beamtouch_protocol.messages import MESSAGE_TYPES
 from beamtouch_service.api.errors import MAX_ERRORS
 from beamtouch_service.api.samples import MAX_BODY_BYTES, MAX_BODY_S
-from beamtouch_service.commissioning import pressing, run, verdict
+from beamtouch_service.commissioning import pressing, run, verdict, wiring
 from beamtouch_service.commissioning.results import MAX_KEPT
 from beamtouch_service.host.serve import IDLE_S
 from beamtouch_service.outputs.modbus.registers import BLOCK, CONSTANT, MAX_SURFACES, REGISTERS, STATES, identity
@@ -66,6 +66,7 @@ WORDS: dict[float, str] = {1: "a", 2: "two", 3: "three", 4: "four", 5: "five", 1
 TIMES = {2.0: "twice"}
 OFTEN_S = {1.0: "Once a second"}
 HOURS = {1.0: "an hour"}
+MANY = {100: "a hundred"}
 PARTS = {0.1: "a tenth", 0.02: "a fiftieth", 0.125: "an eighth", 0.25: "a quarter", 0.4: "two fifths", 0.5: "half"}
 DOUBTFUL = sum(1 << note.bit for note in (Note.OVERLOAD, Note.UNSTEADY, Note.UNCHECKED, Note.SENDERS))
 PROBLEMS = min(code for state, (code, _) in STATES.items() if isinstance(state, Kind))
@@ -189,6 +190,10 @@ STATED = {
     "docs/decisions/031-samples-at-rest.md": [f"further from the mean than {WORDS[rest.EXPLAINED]} deviations"],
     "docs/decisions/032-zones.md": [
         f"the interval at {share(BEGIN):.1f} % lies on one side, and ends if that at {share(HOLD):.0f} % does not"
+    ],
+    "docs/decisions/033-commissioning.md": [
+        f"one cable in {MANY[round(math.exp(wiring.FAULT / 2))]} is taken to be wrong",
+        f"not {MANY[round(math.exp(wiring.FAULT / 2))]} times as likely as the next one",
     ],
     "docs/explanation/index.md": [f"while their prices sum to less than {PARTS[effect.NEGLIGIBLE]}"],
     "docs/explanation/paper.md": [
