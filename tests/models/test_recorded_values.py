@@ -241,6 +241,26 @@ def test_contacts_are_taken_up_to_a_hundred_times_the_largest_deflection(
         contacts_of(tmp_path / "one.csv", cells, rests)
 
 
+def test_contacts_of_another_surface_are_refused_by_their_columns(tmp_path: Path) -> None:
+    path = tmp_path / "one.csv"
+    head, row = contact_rows(BEAM, "0.5,0.5,0.25,0.1,0.1,0.1").splitlines()
+    for text, said in (
+        (
+            f"{head.replace('s2_sd_mm', 'x').replace('s3_mm', 'y')}\n{row}\n",
+            "column s3_mm is missing; fetch the contacts",
+        ),
+        (
+            f"{head},s9_sd_mm,s1_rest_sd_mm,s8_sd_mm\n{row},1,1,1\n",
+            "it has a channel s9, which this model has not; fetch the contacts of its surface",
+        ),
+        (f"{head}\n", "no contacts; fetch them with GET /surfaces/NAME/calibration-data"),
+    ):
+        path.write_text(text)
+        with pytest.raises(RecordingError) as refused:
+            read_contacts(path, BEAM)
+        assert str(refused.value).startswith(f"{path}: {said}")
+
+
 def test_noise_zeros_and_what_is_left_add_as_independent_errors_do() -> None:
     contacts = UnlabelledContacts(np.array([[60.0, 0.0], [-60.0, 30.0]]), np.array([[3.0, 3.0], [1.0, 6.0]]))
     noise_mm = contacts.noise_mm(np.array([4.0, 0.0]), 0.2)
