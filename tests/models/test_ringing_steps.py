@@ -222,8 +222,11 @@ def test_no_rest_is_told_of_the_first_fit_nor_after_two_readings_without_a_time(
     assert run.read(values[:1], np.array([54.0]), moves=False).told[-1] == 53
 
 
+@pytest.mark.parametrize(("step", "scatter"), [([70.0, 50.0, -40.0], 12.0), ([80.0, 0.0, 0.0], 4.5)])
 @pytest.mark.parametrize("period", [20.0, 60.0])
-def test_just_after_a_touch_the_former_swings_go_on_and_the_mean_is_as_unsure_as_a_reading(period: float) -> None:
+def test_just_after_a_touch_the_former_swings_go_on_and_the_mean_is_as_unsure_as_a_reading(
+    period: float, step: list[float], scatter: float
+) -> None:
     run, each = Run(period), max(1, round(period / 20))
     readings = np.arange(60.0 * each)
     noise = math.sqrt(each) * np.random.default_rng(3).standard_normal((len(readings), CHANNELS))
@@ -231,15 +234,19 @@ def test_just_after_a_touch_the_former_swings_go_on_and_the_mean_is_as_unsure_as
     former, fitted = run.now.fit, run.now.fitted
     assert former is not None
     assert run.now.opened
-    step, unit_mm = np.array([70.0, 50.0, -40.0]), UNIT_MM / math.sqrt(each)
+    unit_mm = UNIT_MM / math.sqrt(each)
     later, told = np.arange(60.0 * each, 66.0 * each), []
-    rough = 12 * np.random.default_rng(5).standard_normal((len(later), CHANNELS))  # so that no new swings are found
+    rough = scatter * np.random.default_rng(5).standard_normal(
+        (len(later), CHANNELS)
+    )  # so that no new swings are found
     for reading, value in zip(later, swings(later, 4.0, each) + step + rough, strict=True):
         run.read(value[np.newaxis], np.array([reading]))
         if run.now.found is not None and not run.now.found.is_rest and run.now.former is not None:
             told.append(run.now)
     # A quarter of the slowest period.
-    assert {len(now.times) for now in told} == {2, 3, 4, 5}
+    rows_told = {len(now.times) for now in told}
+    assert rows_told | {5} == {2, 3, 4, 5}
+    assert 5 in rows_told or scatter < 5  # where new swings may be found
     for now in told:
         assert now.found is not None
         rows = len(now.times)
@@ -247,7 +254,7 @@ def test_just_after_a_touch_the_former_swings_go_on_and_the_mean_is_as_unsure_as
         ringing_on = predicted(former, since) - former.constant
         mean = (now.values - ringing_on).mean(axis=0)
         assert now.found.mean_mm == pytest.approx(mean * unit_mm)
-        assert mean == pytest.approx(LOAD + step, abs=25)
+        assert mean == pytest.approx(LOAD + step, abs=2 * scatter + 2)
         assert now.found.readings == rows * each
         swing, load = float((ringing_on[-1] ** 2).sum()), float(((mean - former.constant) ** 2).sum())
         unseen = (UNSEEN * (1 + (8 / former.rows) ** 2)) ** 2 * swing + 0.1**2 * load
