@@ -181,7 +181,8 @@ def test_who_never_hears_its_own_status_may_not_read(
             connection.received.put_nowait(kept("hall/press-8/status"))
         running, said = asyncio.ensure_future(made().run(connection)), asyncio.Event()  # type: ignore[arg-type]
         logging.getLogger().addHandler(heard := Heard(said))
-        await said.wait()
+        async with asyncio.timeout(30):
+            await said.wait()
         logging.getLogger().removeHandler(heard)
         running.cancel()
 

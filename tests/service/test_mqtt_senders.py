@@ -51,8 +51,9 @@ class Taking(Scripted):
 async def run_until(run: Callable[[Any], Awaitable[None]], connection: Scripted, is_done: Callable[[], bool]) -> None:
     """Let a sender run over a connection until then, and a while longer."""
     running = asyncio.ensure_future(run(connection))
-    for _ in iter(lambda: is_done() or running.done(), True):
-        await asyncio.sleep(0.001)
+    async with asyncio.timeout(30):
+        for _ in iter(lambda: is_done() or running.done(), True):
+            await asyncio.sleep(0.001)
     for _ in range(20):
         await asyncio.sleep(0)
     running.cancel()
