@@ -47,7 +47,7 @@ class Plan:
         value = self._context.counts.registry.get_sample_value("beamtouch_mqtt_connected")
         return value, self._context.missing.get("mqtt", "not said")
 
-    def run(self, *connections: Scripted) -> None:
+    def run(self, *connections: Scripted, discovery: bool = False) -> None:
         planned: Iterator[Any] = iter(connections)
 
         def connect() -> Any:  # noqa: ANN401  # stands for a Connection
@@ -59,7 +59,7 @@ class Plan:
             return one
 
         async def run() -> None:
-            section = MqttSection(host="hall.example", port=1884, prefix="hall")
+            section = MqttSection(host="hall.example", port=1884, prefix="hall", home_assistant_discovery=discovery)
             with suppress(EndError):
                 await Publisher(section, self._context, connect).run()
 
@@ -141,3 +141,11 @@ def test_the_service_says_that_it_is_there_before_it_asks_what_there_was(plan: P
         "confirm",
     ]
     assert seen == [(1.0, "")]
+
+
+@pytest.mark.parametrize("discovery", [True, False])
+def test_home_assistant_is_told_of_surfaces_only_where_that_is_asked_for(plan: Plan, discovery: bool) -> None:
+    connection = Scripted(open_s=1.0)
+    plan.run(connection, discovery=discovery)
+    described = [line for line in connection.said if line.startswith("keep homeassistant/device/hall/press-7/config ")]
+    assert len(described) == discovery

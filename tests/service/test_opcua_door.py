@@ -11,6 +11,7 @@ from asyncua import Server, ua
 from asyncua.common.callback import Callback, CallbackType
 from asyncua.common.utils import Buffer, ServiceError
 from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.internal_session import SessionState
 from asyncua.ua.ua_binary import struct_to_binary
 
 from beamtouch_service.outputs.opcua.door import Door, Sessions
@@ -230,6 +231,21 @@ def test_the_sessions_are_bounded(guarded: Guarded) -> None:
     assert (one.max_connections, one.max_subscriptions, one.max_pending_activation_seconds) == (64, 128, 10.0)
     assert (one.max_monitored_item_queue_size, one.max_unacked_messages_per_subscription) == (100, 100)
     assert (one.max_keep_alive_count, one.max_lifetime_count) == (100, 1000)
+
+
+def test_a_subscription_without_a_session_that_is_there_ends(guarded: Guarded) -> None:
+    ended = list[int]()
+
+    async def end(numbers: list[int]) -> None:
+        ended.extend(numbers)
+
+    guarded.sessions.subscription_service.delete_subscriptions = end
+    guarded.held[0].state = SessionState.Activated  # the other one has never shown who it is
+    asyncio.run(guarded.sessions.end_orphans())
+    assert ended == [8]
+    guarded.held[1].state = SessionState.Activated
+    asyncio.run(guarded.sessions.end_orphans())
+    assert ended == [8]
 
 
 def test_a_session_ends_with_its_connection_and_takes_no_server_of_others(guarded: Guarded) -> None:

@@ -120,6 +120,15 @@ def test_the_last_sixteen_replaced_senders_are_remembered() -> None:
     assert not senders.is_after_newest("boot-1", 1, 100.0, 100.0)
 
 
+def test_a_sender_that_came_back_is_remembered_from_when_it_was_replaced_last() -> None:
+    senders = Senders(STALE_MS)
+    for boot_id in ("first", "second", "first", "third", *(f"boot-{number}" for number in range(15))):
+        senders.move(boot_id, 1, 100.0)
+    # Of seventeen that were replaced, the second was so longest ago.
+    found = {one: senders.is_after_newest(one, 2, 100.0, 100.0) for one in ("first", "second", "third")}
+    assert found == {"first": False, "second": True, "third": False}
+
+
 class Heard:
     """Batches of several daemons, each at an address of its own."""
 

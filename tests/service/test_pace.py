@@ -177,3 +177,11 @@ def test_a_listener_looks_at_the_next_turn_only_for_a_sample_that_it_has_not_see
     # The turn is over: whoever asks then was late, and looks again when it is due anyway.
     assert pace.due(10.25) == [press.surface]
     assert pace.wait_s(10.25) == pytest.approx(0.65)
+
+
+def test_a_listener_looks_a_millisecond_after_the_limit_of_age(press: Press) -> None:
+    press.surface.stale_ms = 800
+    pace = Pace([press.surface], turn_s=1)
+    press.take(TOUCHING, 10.0)
+    pace.note_told([press.surface], 10.0)
+    assert pace.wait_s(10.0) == pytest.approx(0.801, abs=1e-4)

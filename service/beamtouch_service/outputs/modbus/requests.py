@@ -30,7 +30,7 @@ class NotModbusError(ValueError):
 
 def frame_bytes(head: bytes) -> int:
     """Return the length of the frame that begins with these HEAD_BYTES; raises NotModbusError if none does."""
-    protocol, rest_bytes = int.from_bytes(head[2:4]), int.from_bytes(head[4:6])
+    protocol, rest_bytes = int.from_bytes(head[2:4]), int.from_bytes(head[4:])
     if protocol != 0 or not _MIN_REST_BYTES <= rest_bytes <= MAX_FRAME_BYTES - HEAD_BYTES:
         raise NotModbusError(f"protocol {protocol}, length {rest_bytes}")
     return HEAD_BYTES + rest_bytes
