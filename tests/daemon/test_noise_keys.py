@@ -217,3 +217,8 @@ def test_the_noise_of_the_means_of_minutes_is_no_drift() -> None:
     deviation_mm = noise_mm * np.random.default_rng(6).standard_normal((3600, 8)) + mm_per_min * at_min
     found = measure_noise(counts_of(deviation_mm), surface_of(8, filter=mean_of(1), rate_hz=1.0))
     assert np.mean([one.drift_mm_per_min for one in found]) == pytest.approx(mm_per_min, rel=0.06)
+
+
+def test_noise_that_large_steps_hide_is_a_fiftieth_of_them_beside_their_rounding() -> None:
+    found = keys({"is_rounded": True, "step_mm": 1.0})
+    assert found.daemon_noise_mm == 0.29  # sqrt(1 / 12 + 0.02**2) is 0.28937, and without the fiftieth 0.28868

@@ -158,7 +158,7 @@ class Surface(Strict):
             )
         elif isinstance(self.source, SerialLine) and self.rate_hz != int(self.rate_hz):
             message = "rate_hz must be a whole number for a serial source"
-        elif (self.slowest_period_ms or 0.0) * self.rate_hz / 1e3 > MAX_PERIOD_READINGS:
+        elif self.slowest_period_ms and self.slowest_period_ms * self.rate_hz / 1e3 > MAX_PERIOD_READINGS:
             message = (
                 f"slowest_period_ms: at most {MAX_PERIOD_READINGS} readings, {MAX_PERIOD_READINGS / self.rate_hz:g} s"
             )
