@@ -1,9 +1,13 @@
 """Which names of a request are the service's own, as pure functions."""
 
 import pytest
+from fastapi.testclient import TestClient
 
+from beamtouch_service.access import Access
+from beamtouch_service.api.app import create_app
 from beamtouch_service.own_names import OwnNames
 from beamtouch_service.problems import Kind, ProblemError
+from service.bench import Bench
 
 NAMES = OwnNames(["Plant.example.", "press"])
 
@@ -52,3 +56,15 @@ def test_a_refusal_repeats_the_begin_of_the_name_and_says_what_to_do() -> None:
         f"This service does not go by the name {shown!r}. Ask for its address or for localhost; if the name is right, "
         "add it to server.names. With a read token, any name will do."
     )
+
+
+@pytest.mark.parametrize(("host", "status"), [("localhost", 200), ("plant.example", 200), ("elsewhere.example", 421)])
+def test_a_request_for_a_foreign_name_is_refused_before_its_route(host: str, status: int) -> None:
+    app, loop = create_app([], Access.of(), names=NAMES), Bench.event_loop
+    assert loop is not None
+    client = TestClient(app)
+    client.portal = loop
+    answer = client.get("/health/live", headers={"Host": host})
+    loop.call(app.context.recorder.close)
+    assert answer.status_code == status
+    assert answer.headers["cache-control"] == "no-store"
