@@ -75,7 +75,7 @@ async def test_units_that_answer_are_found_and_said_and_so_is_how_far_the_scan_i
 
     async def ask(unit: int, block: Block) -> RegisterAnswer:
         nonlocal now_s
-        now_s += 0.5
+        now_s += 0.7
         if unit not in (3, 9):
             raise NoAnswerError("silent")
         if unit == 9:
@@ -91,9 +91,10 @@ async def test_units_that_answer_are_found_and_said_and_so_is_how_far_the_scan_i
     await found._ask_units("19200 baud", SOURCE, [1], ask)
     assert capsys.readouterr().err.splitlines() == [
         "9600 baud: unit 3 answers",
-        "9600 baud: 5 of 14 units asked, the last is 5",
+        "9600 baud: 4 of 14 units asked, the last is 4",
+        "9600 baud: 8 of 14 units asked, the last is 8",
         "9600 baud: unit 9 answers",
-        "9600 baud: 10 of 14 units asked, the last is 10",
+        "9600 baud: 12 of 14 units asked, the last is 12",
         "19200 baud: nothing",
     ]
 
