@@ -130,6 +130,7 @@ def test_what_is_seen_of_the_newest_readings_is_what_plain_loops_find(
 ) -> None:
     values = np.rint(UNIT * play(2)) / UNIT
     detector = ChangeDetector(CHANNELS, longest, fewest, period, UNIT)
+    assert detector.still == math.ceil(period / 4)
     counted = np.stack([np.nan_to_num(UNIT * values), ~np.isnan(values)], axis=1)
     stream = Stream.fresh(detector.rows, CHANNELS).add(counted)
     ends = np.array([*range(62, 150, 14), 70, 71, 73, 75, 105, 107, 108, 120, 121, 122, 124])
