@@ -198,7 +198,7 @@ BESIDE: dict[str, tuple[dict[str, str], tuple[tuple[str, str, object], ...], str
     ),
     "load beyond the end": (
         MEASURED,
-        (("measured", "length_mm", 249),),
+        (("measured", "length_mm", 249), ("measured", "sensors_mm", {"a": 30, "b": 261})),
         "measured: length_mm = 249, but the load at 250 mm is beyond it; correct one of them",
     ),
     "sensor beyond the end": (

@@ -277,7 +277,7 @@ def _between_ticks(
     ticks: tuple[Floats, ...], mean: Floats, between: Floats
 ) -> tuple[PlaceTable, RegularGridInterpolator]:
     """Return what interpolates a fit's mean and standard deviation between the places where it was evaluated."""
-    on_grid = between.reshape(*map(len, ticks), len(between[0]))
+    on_grid = between.reshape(*map(len, ticks), *between.shape[1:])
     return PlaceTable(ticks, mean), RegularGridInterpolator(ticks, on_grid, bounds_error=False, fill_value=None)
 
 

@@ -55,7 +55,7 @@ class MeasuredLoads:
     @property
     def axes(self) -> int:
         """Number of axes."""
-        return len(self.place_mm[0])
+        return len(self.place_mm.T)
 
     @property
     def influence_mm_per_n(self) -> Floats:
