@@ -206,6 +206,26 @@ def test_the_list_of_tuned_constants_fits_the_tree() -> None:
     assert len(tuned()) == sum(len(one["constants"]) for one in listed("tuned"))
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "is_alike"),
+    [
+        ("a.reshape(-1, n)", "a.reshape(~1, n)", True),
+        ("a.reshape(len(kinds[0]), -1)", "a.reshape(len(kinds[0]), - 2)", True),
+        ("a.reshape(-1, n)", "a.reshape( 0, n)", False),
+        ("a.reshape(-1, n)", "a.reshape(not 1, n)", False),
+        ("f(-1).reshape(n)", "f(- 2).reshape(n)", False),
+        ("@lru_cache(maxsize=4)", "@lru_cache(maxsize= 3)", True),
+        ("if extent.axes == 1:", "if extent.axes <= 1:", True),
+        ("if len(self.axes) > 1:", "if len(self.axes) != 1:", True),
+        ("if extent.axes == 1:", "if extent.axes >= 1:", False),
+        ("if axes == 1:", "if axes != 1:", False),
+    ],
+)
+def test_what_is_so_wherever_it_stands_is_a_rule(before: str, after: str, is_alike: bool) -> None:
+    mutant = Mutant("a.py", 1, 1, "ReplaceComparisonOperator_Eq_LtE", before, after, after)
+    assert (reason_of(mutant, before) is not None) is is_alike
+
+
 TUNED = """DRAWS, FEWEST = 512, 3
 SMALL = 2.0**-30
 BYTES = 64 << 10

@@ -2,10 +2,11 @@
 
 Of an `equivalent` entry, `before` and `after` are the lines of a mutant as `make mutants` prints them. A `tuned` entry
 names constants of a file: a change of one of their numbers is covered if its value moves by at most a twentieth, so
-that 513 for 512 is, and 2 for 3 is not. `why` is the reason.
+that 513 for 512 is, and 2 for 3 is not. `why` is the reason. What is so wherever it stands is a rule here.
 """
 
 import ast
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +17,15 @@ from mutants.positions import Mutant
 FOLDER = Path(__file__).parent / "equivalent"
 TUNED_PART = 1 / 20
 ARITHMETIC = (ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop)
+RULES = {
+    re.compile(
+        r"(reshape\((?:[^()]|\([^()]*\))*?)(?:- ?[12]|~1)(?=[,)])"
+    ): "To numpy, any negative length is what is left.",
+    re.compile(r"(axes\b\)? )(?:== ?1|<= ?1|< ?2|!= ?2)"): "A structure has one axis or two.",
+    re.compile(r"(axes\b\)? )(?:== ?2|>= ?2|> ?1|!= ?1)"): "A structure has one axis or two.",
+    re.compile(r"(lru_cache\(maxsize=)(?: ?\d+)(?=\))"): "What is kept saves time only.",
+}
+"""Patterns of lines whose mutants differ in the end of the pattern alone, behind its first group, and why that is so."""
 
 
 def listed(kind: str) -> list[dict[str, Any]]:
@@ -34,9 +44,12 @@ def tuned() -> dict[tuple[str, str], str]:
 
 
 def reason_of(mutant: Mutant, text: str) -> str | None:
-    """Return why a mutant of a file with this text changes nothing, if a list says so."""
+    """Return why a mutant of a file with this text changes nothing, if a list or a rule says so."""
     if why := reasons().get((mutant.file, mutant.before.strip(), mutant.after.strip())):
         return why
+    for pattern, why in RULES.items():
+        if pattern.sub(r"\1", mutant.before) == pattern.sub(r"\1", mutant.after):
+            return why
     if mutant.operator != "NumberReplacer":
         return None
     old, new = constants(text), constants(mutant.text)
