@@ -25,7 +25,7 @@ RULES = {
     re.compile(r"(axes\b\)? )(?:== ?2|>= ?2|> ?1|!= ?1)"): "A structure has one axis or two.",
     re.compile(r"(lru_cache\(maxsize=)(?: ?\d+)(?=\))"): "What is kept saves time only.",
 }
-"""Patterns of lines whose mutants differ in the end of the pattern alone, behind its first group, and why that is so."""
+"""Patterns of lines, mutants of which differ behind the first group alone -> why nobody could tell them."""
 
 
 def listed(kind: str) -> list[dict[str, Any]]:

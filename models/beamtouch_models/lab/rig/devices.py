@@ -14,7 +14,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import NoSuchIdException
@@ -220,9 +220,7 @@ async def start_board(board: Path, elf: Path, line: Path, outputs: Callable[[], 
     """
     remove_left_behind(line)
     process = await asyncio.create_subprocess_exec(str(board), str(elf), "--link", str(line), stdin=PIPE, stdout=PIPE)
-    voltages, announced = process.stdin, process.stdout
-    assert voltages is not None  # noqa: S101  # it is a pipe, as the other one
-    assert announced is not None  # noqa: S101
+    voltages, announced = cast(asyncio.StreamWriter, process.stdin), cast(asyncio.StreamReader, process.stdout)
     if not await announced.readline():
         voltages.close()
         await process.wait()  # the board has closed its output, so it is about to end

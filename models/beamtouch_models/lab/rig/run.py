@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
@@ -176,9 +176,8 @@ async def _listen(server: ModbusTcpServer | ModbusSerialServer, where: str) -> N
 
 
 def _port_of(server: object) -> int:
-    """Return the port of a server; with port 0 the system chooses it."""
-    assert isinstance(server, asyncio.Server)  # noqa: S101  # it listens already
-    port: int = server.sockets[0].getsockname()[1]
+    """Return the port of a server that listens; with port 0 the system chooses it."""
+    port: int = cast(asyncio.Server, server).sockets[0].getsockname()[1]
     return port
 
 
