@@ -6,9 +6,10 @@ from pathlib import Path
 
 from xdist.scheduler import LoadScopeScheduling
 
-# Pages share a browser; started for each test, it would take longer than most of them. One for all modules would keep
-# its event loop running beside other tests.
-MADE_ONCE = re.compile(r'scope="module"|\bopen_page\b|\bbrowser: Browser\b|^@cache|= cache\(', re.MULTILINE)
+MADE_ONCE = re.compile(r'scope="module"|^@cache|= cache\(', re.MULTILINE)
+# Pages share a browser; started for each test, it would take longer than most of them. Its event loop runs on beside
+# the other tests of its process, which must not start one of their own.
+BROWSER, OWN_LOOP = re.compile(r"\bopen_page\b|\bbrowser: Browser\b"), "asyncio"
 TOGETHER = ("models/test_false_alarms.py",)
 """Modules that make something once in what they import."""
 
@@ -29,4 +30,5 @@ class Scheduling(LoadScopeScheduling):  # type: ignore[misc]  # xdist ships no t
 @cache
 def makes_once(module: Path) -> bool:
     """Return whether a module has a fixture, a cache or a browser for all of its tests."""
-    return MADE_ONCE.search(module.read_text()) is not None
+    text = module.read_text()
+    return MADE_ONCE.search(text) is not None or (BROWSER.search(text) is not None and OWN_LOOP not in text)
