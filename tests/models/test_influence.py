@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from beamtouch_models import influence_matrix
 from beamtouch_models.arrays import Floats
 from beamtouch_models.design.physics.beam import influence_of
+from beamtouch_models.design.physics.closed_forms import span_of
 from beamtouch_models.design.physics.influence_function import travel_of
 from beamtouch_models.design.scene import parse_scene
 from beamtouch_models.design.scene.beam import Beam, changed_beam
@@ -327,3 +328,17 @@ def test_nothing_moves_at_a_support_under_a_point_or_a_wide_contact() -> None:
         assert found[0, 1] != 0
     assert influence(beam, [150.0], [20.0, 300.0]).tolist() == [[0], [0]]
     assert influence(beam, [150.0], [300.0], 30.0)[0, 0] != 0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "has_form"),
+    [(0.2, 0.7, True), (0.3, 0.6, True), (0.19, 0.6, False), (0.3, 0.71, False)],
+)
+def test_between_two_supports_and_no_farther_a_beam_has_a_closed_form(
+    low: float, high: float, *, has_form: bool
+) -> None:
+    beam = unit_beam([{"at_mm": 0.2, "kind": "simple"}, {"at_mm": 0.7, "kind": "fixed"}])
+    span = span_of(beam, low, high)
+    assert (span is not None) is has_form
+    if span is not None:
+        assert (span.form, span.start_mm, span.end_mm, span.mirrored) == ("propped", 0.2, 0.7, True)

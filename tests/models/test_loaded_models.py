@@ -10,7 +10,7 @@ import onnx
 import pytest
 
 from beamtouch_models.errors import ModelFileError
-from beamtouch_models.runtime import Metadata, load
+from beamtouch_models.runtime import Metadata, ModelFile, load
 from beamtouch_models.runtime.loading import load_bytes
 from beamtouch_models.runtime.metadata import fewest_that_check
 from beamtouch_models.runtime.session import GraphError, graph_errors
@@ -239,3 +239,10 @@ def test_an_error_of_a_graph_is_told_in_one_line(error: Exception, said: str) ->
     with pytest.raises(GraphError) as raised, graph_errors():
         raise error
     assert str(raised.value) == said
+
+
+def test_golden_answers_know_a_channel_that_is_missing(bench: ModelFile) -> None:
+    weights = np.array(bench.metadata.golden.whitening_per_mm)
+    takes_part = (weights != 0).any(axis=1)
+    assert takes_part.all(axis=1).sum() == len(weights) - 1
+    assert takes_part[~takes_part.all(axis=1)].tolist() == [[False, True, True, True]]

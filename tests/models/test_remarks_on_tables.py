@@ -87,3 +87,15 @@ def test_a_further_sensor_is_one_of_the_table_or_is_to_be_measured() -> None:
     assert two == (
         "one failed sensor ends this surface: all 2 channels must work; measure a further sensor under all loads"
     )
+
+
+def test_sensors_whose_places_are_not_stated_are_drawn_where_they_show_most() -> None:
+    rows = ("20,4,0.1,0.2", "123.456,4,0.4,0.3", "210,4,0.3,0.2", "480,4,0.2,0.5")
+    loads = "\n".join(("position_mm,force_n,a_deflection_mm,b_deflection_mm", *rows))
+    scene = make_scene(
+        measured={"influence": loads, "length_mm": 500},
+        contact={"force_n": [2, 8], "position_mm": [30, 450]},
+        sensors={"noise_mm": 1e-7, "range_mm": [1, 900]},
+    )
+    (said,) = [one for one in remarks(scene) if "where sensors stand" in one]
+    assert "each is drawn where it shows most: a 123.5, b 480 mm;" in said

@@ -86,3 +86,16 @@ def test_an_event_that_is_open_does_not_go(tmp_path: Path) -> None:
     assert len(kept) < CONTACTS
     assert kept[0] == 1
     assert bench.get("/events?limit=1000").json()["events"][-1]["end"] == "open"
+
+
+def test_a_record_in_postgresql_is_as_large_as_its_rows(events_url: str) -> None:
+    bench = Bench(surface_of(), events=EventsSection(url=events_url))
+    assert used_bytes(bench) == 0
+    story = Story(bench, CONTACT * 6)
+    sizes = list[int]()
+    for part in range(2):
+        story.deliver(3 * len(CONTACT) * part, 3 * len(CONTACT) * (part + 1))
+        assert numbers(bench) == list(range(1, 3 * part + 4))
+        sizes.append(used_bytes(bench))
+    assert 3 * 100 < sizes[0] < 3 * 2000
+    assert sizes[1] == pytest.approx(2 * sizes[0], rel=0.2)
