@@ -1,6 +1,7 @@
 """A record above its size: what goes is the oldest, one part at a time, and no more than is needed."""
 
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from beamtouch_service.sections import EventsSection
 from service.bench import Bench, Row, surface_of
 from service.event_story import RESTING, TOUCHING, Story
-from service.record_days import Days
+from service.record_days import DAY_S, Days
 from service.record_file import execute
 
 CONTACTS = 80
@@ -99,3 +100,19 @@ def test_a_record_in_postgresql_is_as_large_as_its_rows(events_url: str) -> None
         sizes.append(used_bytes(bench))
     assert 3 * 100 < sizes[0] < 3 * 2000
     assert sizes[1] == pytest.approx(2 * sizes[0], rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("days", "said"),
+    [(3.0, ["3 days ahead of"]), (-3.0, ["3 days behind"]), (0.0, [])],
+    ids=["ahead", "behind", "alike"],
+)
+def test_a_clock_other_than_that_of_the_database_is_told_once(
+    events_url: str, caplog: pytest.LogCaptureFixture, days: float, said: list[str]
+) -> None:
+    bench, clocks = Bench(surface_of(), events=EventsSection(url=events_url)), Days()
+    clocks.clock_s = time.time() + days * DAY_S
+    clocks.run(bench, looks=2)
+    told = [one for one in caplog.messages if one.startswith("the clock of this machine")]
+    line = "the clock of this machine is {} that of the database; the record goes by the latter"
+    assert told == [line.format(one) for one in said]

@@ -299,3 +299,20 @@ async def test_the_health_on_record_is_stated_before_samples_come(tmp_path: Path
         assert known.health.model == "as it was"
         assert without.health is not None
         assert without.health.channels == {}
+
+
+async def test_the_health_on_record_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, healths = list[int](), Transactions.healths
+
+    def count(transactions: Transactions) -> object:
+        asked.append(len(asked))
+        return healths(transactions)
+
+    monkeypatch.setattr(Transactions, "healths", count)
+    surface = surface_of()
+    async with recording() as one:
+        one.watch(surface)
+        for _ in range(3):
+            await commit(one)
+        assert surface.health is not None
+    assert asked == [0]
