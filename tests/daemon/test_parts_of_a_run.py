@@ -69,7 +69,9 @@ async def test_a_surface_of_which_only_the_log_knows_is_named_and_delivered(
         await until(lambda: len(parts.failures) == 2)
         await cancel([delivering])
     assert set(parts.failures) == {"bench backlog", "gone backlog"}
-    assert caplog.messages == ["gone: not configured; the samples in its log are delivered"]
+    # On a slow machine the log file that is not there is told as well.
+    told = [one for one in caplog.messages if "not configured" in one]
+    assert told == ["gone: not configured; the samples in its log are delivered"]
 
 
 async def test_at_the_end_what_the_service_does_not_take_is_in_the_log_file(tmp_path: Path) -> None:
