@@ -146,6 +146,17 @@ def test_a_press_that_begins_gently_does_not_become_the_rest(state: State | None
     samples.add(RESTING, count=12 * SECOND)
     assert all(first_mm > 0.0 < second_mm for first_mm, second_mm, _ in samples.found)
     assert bool(samples.found) is (state in {State.CONTACT, State.UNEXPLAINED})
+    samples.add([0.5, 0.2, 0.0], state=state)
+    samples.add(RESTING, state=state)
+    assert samples.found[-1] == [0.5, 0.2, 0.0]
+
+
+def test_a_press_that_grows_for_ten_seconds_does_not_become_the_rest_step_by_step() -> None:
+    samples = Samples()
+    samples.add(RESTING)
+    for step in range(1000):
+        samples.add([0.0005 * step, 0.0002 * step, 0.0], count=1)
+    assert samples.finder.stage is Stage.LIFT
 
 
 def test_zeros_may_drift_before_a_press_while_the_surface_is_clear() -> None:
