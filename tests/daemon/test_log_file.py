@@ -133,6 +133,7 @@ def changed(columns: str) -> Callable[[Path], None]:
 one_bit = changed("content = CAST(replace(content, '[0.1,', '[0.5,') AS BLOB)")
 another_number = changed("first = first - 1, last = last - 1")
 text = changed("first = 'ten'")
+another_surface = changed("surface = 'press-8'")
 
 
 def pages(path: Path) -> None:
@@ -160,8 +161,8 @@ def damaged(path: Path) -> list[Path]:
 )
 @pytest.mark.parametrize(
     "damage",
-    [head, one_bit, another_number, text, pages, alone],
-    ids=["head", "bit", "number", "text", "pages", "head, without the journal"],
+    [head, one_bit, another_number, another_surface, text, pages, alone],
+    ids=["head", "bit", "number", "surface", "text", "pages", "head, without the journal"],
 )
 async def test_a_damaged_file_is_set_aside_whole_and_a_new_one_begins(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: Callable[[Path], None]
