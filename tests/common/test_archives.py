@@ -299,3 +299,22 @@ def test_an_archive_begins_with_who_made_it_and_what_is_in_it(plant: Path) -> No
         content = (plant / one["name"].removeprefix("folder/")).read_bytes()
         assert one["sha256"] == hashlib.sha256(content).hexdigest()
         assert members[one["name"]] == (one["bytes"], one["mode"]) == (len(content), one["mode"])
+
+
+def test_a_restore_that_is_interrupted_leaves_nothing_behind(
+    plant: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    archive = write(plant)
+    rename, done = Path.rename, list[Path]()
+
+    def interrupt(path: Path, target: Path) -> Path:
+        if done:
+            raise KeyboardInterrupt
+        done.append(target)
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        restore_archive(archive, tmp_path / "new", None)
+    assert len(done) == 1
+    assert not (tmp_path / "new").exists()
