@@ -159,6 +159,12 @@ OF_PLATES: dict[str, tuple[Tables, Tables, str]] = {
         "sensors: fixed has 50, 50 and 68, 73 mm, 29.2 mm apart, less than min_distance_mm = 30; move one, or correct "
         "min_distance_mm",
     ),
+    "the first and the last sensor too close": (
+        sensors(fixed=points((50, 50), (90, 30), (68, 74)), min_distance_mm=30),
+        sensors(fixed=points((50, 50), (90, 30), (68, 73)), min_distance_mm=30),
+        "sensors: fixed has 50, 50 and 68, 73 mm, 29.2 mm apart, less than min_distance_mm = 30; move one, or correct "
+        "min_distance_mm",
+    ),
     "one place twice": (
         sensors(fixed=points((50, 60), (60, 50))),
         sensors(fixed=points((50, 60), (90, 30), (90, 30))),
