@@ -115,9 +115,9 @@ def test_the_content_of_an_archive_and_of_what_is_restored_is_on_the_disk_before
 
     def note(descriptor: int) -> None:
         sync(descriptor)
-        name = os.readlink(f"/proc/self/fd/{descriptor}")  # noqa: PTH115 - of no file
+        name = Path(f"/proc/self/fd/{descriptor}").readlink().name
         if stat.S_ISREG(os.fstat(descriptor).st_mode):
-            synced.append((Path(name).name, os.fstat(descriptor).st_size))
+            synced.append((name, os.fstat(descriptor).st_size))
 
     monkeypatch.setattr(os, "fsync", note)
     archive, new = path.parent / "a.tar.gz", path.parent / "new"

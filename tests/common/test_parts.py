@@ -43,8 +43,8 @@ class World:
         self.named.append(self.parts.failing["mqtt"])
         await asyncio.sleep(0)
 
-    def _later(self, *given: object) -> Timer:
-        self.timers.append(Timer(*given))  # type: ignore[arg-type]
+    def _later(self, after_s: float, call: Callable[..., None], *given: object) -> Timer:
+        self.timers.append(Timer(after_s, call, *given))
         return self.timers[-1]
 
     def keep(self, work: Callable[[int], object], expected: type[Exception] | tuple[()] = ()) -> None:

@@ -3,14 +3,17 @@
 import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from typing import cast
 
 import pytest
 
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources import board
 from beamtouch_daemon.sources.board import BoardLine, BoardSource, Session
+from beamtouch_daemon.sources.kept_port import KeptPort
 from beamtouch_daemon.sources.reading import Reading as Taken
 from beamtouch_daemon.sources.reading import SourceError
+from beamtouch_daemon.sources.serial_port import SerialPort
 from beamtouch_daemon.sources.traffic import Traffic
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import (
@@ -33,12 +36,11 @@ HELLO = Hello(PROTOCOL_VERSION, SCHEMA_HASH, 7, 3, 10, 2000)
 SILENT = "the port is open, but not a byte came; check supply and wiring"
 
 
-class Port:
+class Port(SerialPort):
     """An open port at a time that goes on as it is waited for, with a device at its other end."""
 
-    path = "/dev/x"
-
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.path = "/dev/x"
         self.now_s = self.taken_s = OPENED_S
         self.traffic = Traffic(OPENED_S)
         self.sent: list[tuple[float, Message]] = []
@@ -75,7 +77,7 @@ def port(monkeypatch: pytest.MonkeyPatch) -> Port:
 
 
 def line_of(port: Port) -> BoardLine:
-    return BoardLine(port)  # type: ignore[arg-type]
+    return BoardLine(port)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +145,7 @@ async def test_the_debug_log_has_what_is_sent_and_what_comes(port: Port, caplog:
 def source(port: Port, rate_hz: float = 200.0) -> BoardSource:
     settings = SerialLine(kind="serial", port="/dev/x", oversampling=64)
     made = BoardSource(settings, (0, 2), rate_hz, (10, 10))
-    made._port = port  # type: ignore[assignment]
+    made._port = cast(KeptPort, port)
     return made
 
 

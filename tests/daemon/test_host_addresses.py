@@ -19,8 +19,8 @@ def ask_with(monkeypatch: pytest.MonkeyPatch, answer: Callable[[], Awaitable[Ans
     """Let a name server of the test answer; return a list of what it is asked."""
     asked = list[tuple[str, int, int]]()
 
-    async def getaddrinfo(host: str, port: int, *, type: int) -> Answer:  # noqa: A002 - of asyncio
-        asked.append((host, port, type))
+    async def getaddrinfo(host: str, port: int, **kind: int) -> Answer:
+        asked.append((host, port, kind["type"]))
         return await answer()
 
     monkeypatch.setattr(asyncio.get_running_loop(), "getaddrinfo", getaddrinfo)

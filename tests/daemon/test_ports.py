@@ -3,8 +3,10 @@
 import asyncio
 import os
 import socket
+from typing import cast
 
 import pytest
+import serial
 
 from beamtouch_common.uptime import uptime_s
 from beamtouch_daemon.sources import kept_port
@@ -42,7 +44,7 @@ class Device:
 )
 def test_a_port_is_read_until_little_comes_and_64_times_4096_bytes_at_most(sizes: tuple[int, ...], reads: int) -> None:
     device = Device(*sizes)
-    port = SerialPort("/dev/x", device)  # type: ignore[arg-type]
+    port = SerialPort("/dev/x", cast(serial.Serial, device))
     before_s = uptime_s()
     assert len(port.take()) == sum(sizes[:reads])
     assert device.asked == [4096] * reads

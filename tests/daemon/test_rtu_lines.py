@@ -12,6 +12,7 @@ from beamtouch_daemon.sources.registers import Block, RegisterAnswer
 from beamtouch_daemon.sources.requests import Failure
 from beamtouch_daemon.sources.rtu_frames import encode
 from beamtouch_daemon.sources.rtu_line import RtuLine, UnitLine
+from beamtouch_daemon.sources.serial_port import SerialPort
 from beamtouch_daemon.sources.traffic import Traffic
 
 from .devices import with_crc
@@ -28,12 +29,11 @@ ANSWER, LONGER, REFUSAL = (
 OTHER = with_crc(bytes([5, 4, 2, 0, 7]))
 
 
-class Port:
+class Port(SerialPort):
     """An open port at a time that goes on as it is waited for; `coming` are bytes with the time of their arrival."""
 
-    path = "/dev/x"
-
     def __init__(self) -> None:
+        self.path = "/dev/x"
         self.now_s = self.taken_s = OPENED_S
         self.traffic = Traffic(OPENED_S)
         self.sent: list[tuple[float, bytes]] = []
@@ -64,7 +64,7 @@ class Bench:
     def __init__(self) -> None:
         self.port = Port()
         self.unexpected = list[bytes]()
-        self.line = RtuLine(self.port, SILENCE_S, self.unexpected.append)  # type: ignore[arg-type]
+        self.line = RtuLine(self.port, SILENCE_S, self.unexpected.append)
 
     @property
     def last_frame(self) -> str:

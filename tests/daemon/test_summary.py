@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_common.parts import Parts
+from beamtouch_common.systemd import ServiceManager
 from beamtouch_daemon.cli import main
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.tare_file import NOT_TARED, TareFile
@@ -99,14 +100,14 @@ async def test_a_surface_hangs_unless_its_reading_is_begun_again_anyway() -> Non
     assert daemon._hanging([bench, press, late], parts(late_readings="broken", bench_samples="broken")) == ["bench"]
 
 
-class Manager:
+class Manager(ServiceManager):
     """A service manager that waits for a sign of life for so long."""
 
     def __init__(self, watchdog_s: float | None) -> None:
         self.watchdog_s = watchdog_s
         self.told = list[str]()
 
-    def alive(self, status: str) -> None:
+    def alive(self, status: str = "") -> None:
         self.told.append(status)
 
 
@@ -126,7 +127,7 @@ async def test_progress_is_reported_four_times_in_the_time_of_the_watchdog_and_e
 
     monkeypatch.setattr(asyncio, "sleep", sleep)
     with pytest.raises(asyncio.CancelledError):
-        await daemon._watch([bench, press], parts(), manager)  # type: ignore[arg-type]
+        await daemon._watch([bench, press], parts(), manager)
     assert pauses == [pause_s, pause_s]
     assert manager.told == ["reading bench, press"]  # while a surface hangs, nothing is reported
     assert [line for line in caplog.messages if "progress" in line] == ["no progress on bench, press"]

@@ -23,6 +23,7 @@ SETTINGS = ModbusTcp(kind="modbus-tcp", host="plc", port=1502, timeout_ms=37.0)
 DATA = bytes([4, 4, 0, 7, 1, 8])
 """Function and contents of an answer with two registers."""
 NUMBER = 0x0105
+BLOCK = Block(0, 2)
 """Of the newest request."""
 
 
@@ -185,7 +186,7 @@ async def test_transaction_numbers_are_1_to_65535() -> None:
     assert numbers == [1, 2, 65_535, 1]
 
 
-async def failure_at(port: int, block: Block = Block(0, 2)) -> tuple[str, str]:  # noqa: B008 - it is frozen
+async def failure_at(port: int, block: Block = BLOCK) -> tuple[str, str]:
     """Ask the unit at a port in vain; return what is said, and the kind of failure."""
     settings = ModbusTcp(kind="modbus-tcp", host="127.0.0.1", port=port, timeout_ms=30_000.0)
     link = TcpLink(settings, "127.0.0.1", 1)

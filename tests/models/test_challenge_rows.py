@@ -21,13 +21,20 @@ TOUCHED = np.repeat([[1, 2, 2, 1, 2, 2]], DRAWS, axis=0).repeat(15, axis=1)
 """Clear, a contact, clear and a contact: in each draw one begins twice."""
 
 Scored = Callable[..., list[Row]]
+Vary = Callable[[Play], Play]
+
+
+def vary_nothing(play: Play) -> Play:
+    return play
 
 
 @pytest.fixture
 def scored(bench: ModelFile, surface: SimulatedSurface, monkeypatch: pytest.MonkeyPatch) -> Scored:
     """Scores a play of four draws whose answers are contacts at 100 +- 10 mm, or clear, as given."""
 
-    def rows(asked: dict[str, Any], *, honest: bool = True, outcome: Floats = TOUCHED, **how: object) -> list[Row]:
+    def rows(
+        asked: dict[str, Any], *, honest: bool = True, outcome: Floats = TOUCHED, vary: Vary = vary_nothing
+    ) -> list[Row]:
         def judge(_s: object, _r: object, readings: Floats, first: int, *, lost: Bools | None) -> Verdicts:
             asked.update(first=first, lost=lost, shape=readings.shape)
             judged = Verdicts.silent(np.ones(readings.shape, np.bool_), axes=1)
@@ -40,7 +47,7 @@ def scored(bench: ModelFile, surface: SimulatedSurface, monkeypatch: pytest.Monk
             truth_mm[:, 80] = 115.0  # beyond the interval, and within twice its half
             truth_mm[:, 85] = 121.0
             still = np.zeros((DRAWS, READINGS, 4))
-            return Play(still, truth_mm, at.honest, **{"rows": ROWS, **how})  # type: ignore[arg-type]
+            return vary(Play(still, truth_mm, at.honest, ROWS))
 
         monkeypatch.setattr(challenge, "judge", judge)
         return rows_of(bench, surface, Case(honest, make), DRAWS, np.random.default_rng(3))
@@ -54,7 +61,7 @@ ROWS = (("early", 70), ("late", 80), ("early", 50), ("late", 85))
 def test_readings_with_one_name_are_one_row_in_the_order_of_the_play(scored: Scored, surface: SimulatedSurface) -> None:
     asked = dict[str, Any]()
     lost = np.zeros((DRAWS, READINGS), np.bool_)
-    early, late = scored(asked, quiet=True, lost=lost)
+    early, late = scored(asked, vary=lambda play: replace(play, quiet=True, lost=lost))
     assert (asked["first"], asked["shape"]) == (50 - surface.decided, (DRAWS, READINGS, 4))
     assert asked["lost"] is lost
     assert (early.name, early.samples, early.honest, early.quiet) == ("early", 2 * DRAWS, True, True)
@@ -69,12 +76,12 @@ def test_ghosts_are_counted_in_the_last_row_among_draws_that_cross_no_support(sc
     early, late = scored({}, outcome=once)
     assert (early.ghosts, early.plays) == (None, 0)
     assert (late.ghosts, late.plays) == (0.5, 4)
-    *_, late = scored({}, outcome=once, crosses=np.array([True, False, False, False]))
+    *_, late = scored({}, outcome=once, vary=lambda play: replace(play, crosses=np.arange(DRAWS) == 0))
     assert late.ghosts == pytest.approx(2 / 3)
     assert late.plays == 3
-    *_, late = scored({}, outcome=once, crosses=np.ones(DRAWS, np.bool_))
+    *_, late = scored({}, outcome=once, vary=lambda play: replace(play, crosses=np.ones(DRAWS, np.bool_)))
     assert (late.ghosts, late.plays) == (None, 0)
-    *_, late = scored({}, outcome=once, again=True)
+    *_, late = scored({}, outcome=once, vary=lambda play: replace(play, again=True))
     assert (late.ghosts, late.plays) == (None, 0)
 
 
@@ -85,14 +92,17 @@ def test_a_fault_has_the_power_of_the_test_that_knows_it(
     fault_mm = faults.pulled(drawn(surface, DRAWS), times=0.02).fault_mm
     assert fault_mm is not None
     rows = (("settled", 80),)
-    (row,) = scored({}, honest=False, fault_mm=fault_mm, rows=rows)
+    (row,) = scored({}, honest=False, vary=lambda play: replace(play, fault_mm=fault_mm, rows=rows))
     alpha = chi2.sf(bench.metadata.thresholds.misfit[3], 2)
     every = np.ones(fault_mm.shape, np.bool_)
     power = norm.cdf(distances(surface, fault_mm, every) - norm.isf(alpha)).mean()
     assert row.power == pytest.approx(power)
     assert 0.01 < power < 0.99
     assert row.noticed is not None
-    assert all(one.power is None for one in scored({}, honest=True, fault_mm=fault_mm, rows=rows))
+    assert all(
+        one.power is None
+        for one in scored({}, honest=True, vary=lambda play: replace(play, fault_mm=fault_mm, rows=rows))
+    )
     assert all(one.power is None for one in scored({}, honest=False))
 
 
