@@ -254,7 +254,7 @@ def test_readings_are_sums_of_the_voltages_in_order_with_the_time(
         assert (hello.channel_count, hello.adc_bits) == (len(volts), bits)
         before = line.ask(0x0303)  # with what would be a Ctrl-C
         line.send(Start(10, 2))
-        line.hear(lambda: len(line.readings) == 5)
+        line.hear(lambda: len(line.readings) >= 5)
         after = line.ask(7)
         assert {reading.counts for reading in line.readings} == {tuple(2 * count for count in counts)}
         assert {reading.oversampling for reading in line.readings} == {2}
@@ -277,9 +277,9 @@ def test_a_session_stops_begins_anew_and_ignores_what_the_board_cannot_keep(tmp_
         line.ask(1)
         assert line.messages == [hello, hello, line.messages[-1]]
         line.send(Start(10, 1))
-        line.hear(lambda: len(line.readings) == 2)
+        line.hear(lambda: len(line.readings) >= 2)
         line.send(*refused)
-        line.hear(lambda: len(line.readings) == 4)
+        line.hear(lambda: len(line.readings) >= 4)
         assert {reading.oversampling for reading in line.readings} == {1}
         line.send(Stop())
         line.ask(2)
@@ -361,7 +361,7 @@ def test_a_board_states_four_fifths_of_its_own_pace_and_no_more_than_its_line_ca
 def test_readings_for_which_a_board_had_no_time_have_their_numbers(tmp_path: Path) -> None:
     with host(tmp_path, ONE_TAKES_LONG + OWN_ADC, [1.0] * 3) as line:
         line.send(Start(10, 1))
-        line.hear(lambda: len(line.readings) == 4)
+        line.hear(lambda: len(line.readings) >= 4)
         before, late = line.readings[1], line.readings[3]
         missing = late.sequence - before.sequence - 2
         assert late.sequence - 3 >= 6  # of all before it; a machine that holds a reading up makes them more
